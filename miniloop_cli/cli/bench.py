@@ -1,0 +1,18 @@
+"""`miniloop bench NAME`: the paper's experiments and the speed tables, one module a name."""
+
+from __future__ import annotations
+
+import click
+
+from miniloop_cli.cli.main import CONTEXT, LazyGroup
+
+BENCHES: dict[str, str] = {}
+
+
+@click.group(cls=LazyGroup, lazy=BENCHES, context_settings=CONTEXT)
+def bench() -> None:
+    """Experiments and measurements; each writes rows (CSV, JSON) and a picture.
+
+    \b
+    Example:   miniloop bench solvers --json -
+    """

@@ -1,0 +1,87 @@
+"""The launcher: finds the command, runs it, turns every known error into one line and exit status 1.
+
+Commands are imported only when they run, so that `--help` and completion are instant.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import os
+import sys
+
+import click
+
+from miniloop_cli import __version__
+from miniloop_cli.errors import MiniloopError
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+COMMANDS = {
+    "register": "miniloop_cli.cli.register:register",
+    "eval": "miniloop_cli.cli.eval:evaluate",
+    "simulate": "miniloop_cli.cli.simulate:simulate",
+    "demo": "miniloop_cli.cli.demo:demo",
+    "bench": "miniloop_cli.cli.bench:bench",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are named by "module:attribute" and imported on use; suggests near names."""
+
+    def __init__(self, *args: object, lazy: dict[str, str], **kwargs: object) -> None:
+        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+        self.lazy = lazy
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.lazy)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self.lazy:
+            return None
+        module, attribute = self.lazy[cmd_name].split(":")
+        return getattr(importlib.import_module(module), attribute)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            near = difflib.get_close_matches(args[0], self.lazy, n=1)
+            hint = f" Did you mean '{near[0]}'?" if near else ""
+            raise click.UsageError(f"{error.message}{hint}", ctx) from None
+
+
+@click.group(cls=LazyGroup, lazy=COMMANDS, context_settings=CONTEXT)
+@click.version_option(__version__, "-V", "--version", prog_name="miniloop")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.pass_context
+def cli(ctx: click.Context, debug: bool) -> None:
+    """Poses and one consistent model from a set of RGB-D scans.
+
+    \b
+    Start here:   miniloop demo
+    Your own:     miniloop register path/to/sequence
+    """
+    ctx.obj = {"debug": debug}
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
+    debug = "--debug" in (sys.argv[1:] if args is None else args) or bool(os.environ.get("MINILOOP_DEBUG"))
+    try:
+        cli.main(args=args, prog_name="miniloop", standalone_mode=False)
+    except click.exceptions.Exit as done:
+        sys.exit(done.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("miniloop: interrupted; finished work is kept, the same command continues", err=True)
+        sys.exit(130)
+    except MiniloopError as error:
+        if debug:
+            raise
+        click.echo(f"miniloop: {error}", err=True)
+        sys.exit(1)

@@ -1,0 +1,76 @@
+"""SE(3) in batches of numpy arrays.
+
+A pose is a (..., 4, 4) float64 array. `T_b_a` maps points of frame a into frame b. A tangent vector is
+(..., 6) float64, rotation (rad) first, then translation (m), and acts decoupled: Exp(w, v) = [exp(w) | v].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def pose(R: Array, t: Array) -> Array:
+    """(..., 3, 3) rotations and (..., 3) translations to (..., 4, 4) poses."""
+    R, t = np.asarray(R, float), np.asarray(t, float)
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1.0
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of (..., 4, 4) rigid transformations."""
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    return pose(Rt, -np.einsum("...ij,...j->...i", Rt, T[..., :3, 3]))
+
+
+def transform(T: Array, points: Array) -> Array:
+    """Apply (..., 4, 4) poses to (..., n, 3) points."""
+    return points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+
+
+def hat(w: Array) -> Array:
+    """(..., 3) vectors to their (..., 3, 3) cross-product matrices."""
+    w = np.asarray(w, float)
+    W = np.zeros((*w.shape, 3))
+    W[..., 0, 1], W[..., 0, 2], W[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    W[..., 1, 0], W[..., 2, 0], W[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
+    return W
+
+
+def exp_so3(w: Array) -> Array:
+    """Rodrigues' formula: (..., 3) rotation vectors (rad) to (..., 3, 3) rotations; exact to first order near 0."""
+    w = np.asarray(w, float)
+    angle2 = (w * w).sum(-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle2 < 1e-12
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1 - angle2 / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle2 / 24, (1 - np.cos(safe)) / (safe * safe))
+    W = hat(w)
+    return np.eye(3) + a * W + b * (W @ W)
+
+
+def log_so3(R: Array) -> Array:
+    """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi]; stable at both ends (by quaternion)."""
+    from scipy.spatial.transform import Rotation
+
+    R = np.asarray(R, float)
+    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+
+
+def rotation_angle_deg(R: Array) -> Array:
+    """Rotation angle in degrees of (..., 3, 3) rotations; accurate near 0 and near 180."""
+    skew = np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
+    )
+    return np.degrees(np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1))
+
+
+def project_so3(M: Array) -> Array:
+    """Nearest rotations (Frobenius) to (..., 3, 3) matrices."""
+    U, _, Vt = np.linalg.svd(M)
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return U @ Vt
