@@ -54,7 +54,7 @@ def exp_so3(w: Array) -> Array:
 
 
 def log_so3(R: Array) -> Array:
-    """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi]; stable at both ends (by quaternion)."""
+    """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi], stable at both ends."""
     from scipy.spatial.transform import Rotation
 
     R = np.asarray(R, float)
@@ -63,9 +63,7 @@ def log_so3(R: Array) -> Array:
 
 def rotation_angle_deg(R: Array) -> Array:
     """Rotation angle in degrees of (..., 3, 3) rotations; accurate near 0 and near 180."""
-    skew = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
-    )
+    skew = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1))
 
 
