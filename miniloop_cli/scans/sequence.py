@@ -18,6 +18,8 @@ class Frame:
     timestamp_s: float
     color_path: Path
     depth_path: Path
+    mask_path: Path | None = None  # pixels to ignore, where the recording comes with masks
+    depth_timestamp_s: float | None = None  # where depth has stamps of its own
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,22 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Scan:
-    """One decoded frame: (h, w, 3) uint8 RGB and (h, w) float32 depth in metres, 0 = no reading."""
+    """One decoded frame: (h, w, 3) uint8 RGB and (h, w) float32 depth in metres, 0 = no reading.
+
+    `mask`, where there is one, is (h, w) bool, True = ignore this pixel; the depth is already 0 there.
+    """
 
     color: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
+    mask: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class DepthFormat:
+    """How a layout stores depth beyond the camera's scale."""
+
+    no_reading: int | None = None  # a stored value that means "no reading", besides 0
+    resample: bool = False  # depth may be a registered image of lower resolution (phones): nearest neighbour
 
 
 @dataclass(frozen=True)
@@ -44,5 +58,7 @@ class Sequence:
     root: Path
     camera: Camera
     frames: tuple[Frame, ...]
-    ground_truth_path: Path | None = None
+    ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
     notes: tuple[str, ...] = field(default=())  # what the reader dropped or assumed, for the log and the report
+    layout: str = "tum"
+    depth_format: DepthFormat = DepthFormat()
