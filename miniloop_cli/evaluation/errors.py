@@ -1,0 +1,46 @@
+"""Absolute and relative trajectory errors (Sturm et al., IROS 2012)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.evaluation.association import nearest
+from miniloop_cli.geometry import se3
+
+Array = NDArray[np.float64]
+Pairs = NDArray[np.int64]
+
+
+def relative_errors(T_est: Array, T_true: Array, pairs: Pairs) -> tuple[Array, Array]:
+    """Degrees (m,) and metres (m,) of E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) for (m, 2) row pairs of (n, 4, 4) P and Q."""
+    i, j = pairs[:, 0], pairs[:, 1]
+    E = se3.inverse(se3.inverse(T_true[i]) @ T_true[j]) @ (se3.inverse(T_est[i]) @ T_est[j])
+    return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+
+
+def consecutive_pairs(n: int) -> Pairs:
+    """(n - 1, 2): each pose with the next."""
+    return np.stack([np.arange(n - 1), np.arange(1, n)], axis=1) if n > 1 else np.empty((0, 2), np.int64)
+
+
+def pairs_apart(timestamps_s: Array, delta_s: float, tolerance: float = 0.1) -> Pairs:
+    """(m, 2): each pose with the pose nearest to `delta_s` later, where that is met within `tolerance` of delta."""
+    if len(timestamps_s) < 2:
+        return np.empty((0, 2), np.int64)
+    i = np.arange(len(timestamps_s))
+    j = nearest(timestamps_s, timestamps_s + delta_s)
+    met = (j > i) & (np.abs(timestamps_s[j] - timestamps_s - delta_s) <= tolerance * delta_s)
+    return np.stack([i[met], j[met]], axis=1)
+
+
+def statistics(errors: Array) -> dict[str, float | None]:
+    """mean, median, rmse, max of (n,) errors; None where there are none."""
+    if not len(errors):
+        return dict.fromkeys(("mean", "median", "rmse", "max"))
+    return {
+        "mean": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "rmse": float(np.sqrt((errors**2).mean())),
+        "max": float(errors.max()),
+    }

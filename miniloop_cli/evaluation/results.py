@@ -1,0 +1,120 @@
+"""A results folder, read back: what `register` wrote, for eval, export, mesh and report."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.scans.sequence import Trajectory
+
+RESULTS_ROOT = Path("results")
+
+
+def newest_result(root: Path = RESULTS_ROOT) -> Path:
+    """The folder below `root` whose trajectory.txt was written last. Raises InputError if there is none."""
+    found = sorted(root.glob("*/trajectory.txt"), key=lambda path: (path.stat().st_mtime_ns, path))
+    if not found:
+        raise InputError(f"no result under {root.resolve()}: run `miniloop register` first, or name a folder")
+    return found[-1].parent
+
+
+@dataclass(frozen=True)
+class Results:
+    """The folder of one run; files are read on first use, missing optional ones are empty."""
+
+    root: Path
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """trajectory.txt. Raises InputError if it is missing or malformed."""
+        from miniloop_cli.scans.trajectory import read_trajectory
+
+        path = self.root / "trajectory.txt"
+        if not path.is_file():
+            raise InputError(f"{self.root} has no trajectory.txt: give the folder that `miniloop register` wrote")
+        return read_trajectory(path)
+
+    @cached_property
+    def edges(self) -> list[dict[str, str]]:
+        """Rows of edges.csv."""
+        return read_table(self.root / "edges.csv")
+
+    @cached_property
+    def frames(self) -> list[dict[str, str]]:
+        """Rows of frames.csv."""
+        return read_table(self.root / "frames.csv")
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """summary.json. Raises InputError if it is not a JSON object."""
+        path = self.root / "summary.json"
+        if not path.is_file():
+            return {}
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not valid JSON ({error}); run `miniloop register` again") from error
+        if not isinstance(data, dict):
+            raise InputError(f"{path}: expected a JSON object; run `miniloop register` again")
+        return data
+
+    @cached_property
+    def edge_stamps_s(self) -> NDArray[np.float64]:
+        """(e, 2) time stamps of the two frames of every edge that was not rejected."""
+        return edge_stamps(self.edges, self.root / "edges.csv")
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file with a header, by column name; [] without the file. Raises InputError for a ragged row."""
+    if not path.is_file():
+        return []
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file, strict=True))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable CSV file ({error})") from error
+    for number, row in enumerate(rows, 2):
+        if None in row or None in row.values():
+            raise InputError(f"{path}, row {number}: the number of columns differs from the header's")
+    return rows
+
+
+def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
+    """(e, 2) time stamps (s) of edges.csv rows, without those whose verdict is "rejected"."""
+    stamps = np.empty((len(rows), 2))
+    kept = np.ones(len(rows), bool)
+    for k, row in enumerate(rows):
+        try:
+            stamps[k] = float(row["timestamp_i"]), float(row["timestamp_j"])
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{path}, row {k + 2}: needs numbers in timestamp_i and timestamp_j ({error})") from error
+        kept[k] = not row.get("verdict", "").startswith("rejected")
+    return stamps[kept & np.isfinite(stamps).all(axis=1)]
+
+
+def read_edge_list(path: Path, frame_stamps_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(e, 2) time stamps of a plain list of edges: lines "i j ..." of frame numbers from 0; # starts a comment.
+
+    Raises InputError for a line that is not two frame numbers of the sequence.
+    """
+    pairs = []
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+        fields = line.split("#")[0].replace(",", " ").split()
+        if not fields:
+            continue
+        try:
+            pair = int(fields[0]), int(fields[1])
+        except (IndexError, ValueError):
+            raise InputError(f"{path}, line {number}: expected two frame numbers, found {line[:60]!r}") from None
+        if not all(0 <= k < len(frame_stamps_s) for k in pair):
+            raise InputError(f"{path}, line {number}: frame numbers must be 0 to {len(frame_stamps_s) - 1}")
+        pairs.append(pair)
+    return frame_stamps_s[np.array(pairs, np.int64).reshape(-1, 2)]
