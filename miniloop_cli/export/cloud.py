@@ -1,0 +1,108 @@
+"""One coloured cloud from many scans: the mean of the points in each voxel, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import MiniloopError
+
+BITS = 21  # of a voxel coordinate within an int64 key
+HALF = 1 << (BITS - 1)
+MASK = (1 << BITS) - 1
+
+Keys = NDArray[np.int64]
+Sums = NDArray[np.float64]  # (n, 7): x y z r g b, number of points
+
+
+class VoxelCloud:
+    """Running means of position and colour by voxel.
+
+    Memory is about 64 bytes times three a voxel at most. Where more than `max_voxels` are filled, the voxel size
+    doubles (`voxel_m` tells), so that a long recording gives a coarser cloud instead of none.
+    """
+
+    def __init__(self, voxel_m: float = 0.01, max_voxels: int = 5_000_000) -> None:
+        if not voxel_m > 0 or max_voxels < 1:
+            raise ValueError(f"voxel_m and max_voxels must be positive, got {voxel_m} and {max_voxels}")
+        self.voxel_m, self.max_voxels = float(voxel_m), int(max_voxels)
+        self._parts: list[tuple[Keys, Sums]] = []
+
+    def add(self, points_world: NDArray[np.floating], colors: NDArray[np.uint8]) -> None:
+        """Add (n, 3) points (m) with (n, 3) RGB; points that are not finite are left out.
+
+        Raises MiniloopError for points more than a million voxels from the origin.
+        """
+        points = np.asarray(points_world, float).reshape(-1, 3)
+        finite = np.isfinite(points).all(axis=1)
+        points, colors = points[finite], np.asarray(colors).reshape(-1, 3)[finite]
+        if not len(points):
+            return
+        if np.abs(points).max() >= self.voxel_m * (HALF - 1):
+            raise MiniloopError(
+                f"a point lies {np.abs(points).max():.0f} m from the origin, beyond the {self.voxel_m * HALF:.0f} m "
+                f"that voxels of {self.voxel_m:g} m reach: choose larger voxels"
+            )
+        keys = pack(np.floor(points / self.voxel_m).astype(np.int64))
+        self._parts.append(merge(keys, np.column_stack([points, colors, np.ones(len(points))])))
+        # Merging parts of like size keeps the total work at n log n, and what waits below the largest part.
+        while len(self._parts) > 1 and len(self._parts[-1][0]) * 2 > len(self._parts[-2][0]):
+            self._join_last()
+        while len(self._parts[0][0]) > self.max_voxels:
+            self._coarsen()
+
+    def result(self, min_points: int = 1) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """(n, 3) points and (n, 3) colours, in voxel order; voxels of fewer than `min_points` readings left out."""
+        while len(self._parts) > 1:
+            self._join_last()
+        if self._parts and len(self._parts[0][0]) > self.max_voxels:
+            self._coarsen()
+        sums = self._parts[0][1] if self._parts else np.empty((0, 7))
+        sums = sums[sums[:, 6] >= min_points]
+        means = sums[:, :6] / sums[:, 6:]
+        return means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8)
+
+    def _join_last(self) -> None:
+        (keys_a, sums_a), (keys_b, sums_b) = self._parts[-2:]
+        self._parts[-2:] = [merge(np.concatenate([keys_a, keys_b]), np.concatenate([sums_a, sums_b]))]
+
+    def _coarsen(self) -> None:
+        while len(self._parts) > 1:
+            self._join_last()
+        self.voxel_m *= 2
+        keys, sums = self._parts[0]
+        self._parts = [merge(pack(unpack(keys) >> 1), sums)]
+
+
+def pack(voxels: NDArray[np.int64]) -> Keys:
+    """(n, 3) voxel coordinates, each in [-2^20, 2^20), to (n,) keys."""
+    v = voxels + HALF
+    return (v[:, 0] << 2 * BITS) | (v[:, 1] << BITS) | v[:, 2]
+
+
+def unpack(keys: Keys) -> NDArray[np.int64]:
+    """Inverse of `pack`."""
+    return np.stack([keys >> 2 * BITS, (keys >> BITS) & MASK, keys & MASK], axis=1) - HALF
+
+
+def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
+    """Add up the rows of equal keys; keys come out sorted and unique."""
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
+    return keys[first], np.add.reduceat(sums[order], first, axis=0)
+
+
+def fuse_cloud(
+    chunks: Iterable[tuple[NDArray[np.floating], NDArray[np.uint8]]],
+    voxel_m: float = 0.01,
+    max_voxels: int = 5_000_000,
+    min_points: int = 1,
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Voxel-filtered cloud of all (points_world (n, 3), colors (n, 3)) chunks; see VoxelCloud."""
+    cloud = VoxelCloud(voxel_m, max_voxels)
+    for points_world, colors in chunks:
+        cloud.add(points_world, colors)
+    return cloud.result(min_points)
