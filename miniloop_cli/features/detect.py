@@ -1,0 +1,85 @@
+"""One factory for every detector: a grey image in, keypoints and descriptors out, strongest first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+BINARY = frozenset({"orb", "akaze", "brisk"})
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Keypoints of one image, strongest first.
+
+    px: (n, 2) float64 measured pixels; response: (n,) float32; descriptors: (n, d) float32 (real) or uint8 (binary).
+    """
+
+    px: NDArray[np.float64]
+    response: NDArray[np.float32]
+    descriptors: NDArray[Any]
+
+
+def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.02) -> Detection:
+    """Detect and describe the `count` strongest features of a (h, w) uint8 image.
+
+    `kind`: rootsift, sift, surf (real descriptors) or orb, akaze, brisk (binary). RootSIFT is SIFT with the
+    Hellinger kernel (Arandjelović & Zisserman, CVPR 2012). Deterministic; ties are broken by position.
+    """
+    if kind == "surf" and not _opencv_has_surf():
+        px, response, descriptors = _surf_mahotas(gray, count)
+    else:
+        keypoints, descriptors = _opencv_detector(kind, count, contrast).detectAndCompute(gray, None)
+        px = np.array([k.pt for k in keypoints], float).reshape(-1, 2)
+        response = np.array([k.response for k in keypoints], np.float32)
+    if descriptors is None or not len(px):
+        return _empty(kind)
+    order = np.lexsort((px[:, 0], px[:, 1], -response))[:count]
+    descriptors = np.ascontiguousarray(descriptors[order])
+    if kind == "rootsift":
+        descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
+    if kind not in BINARY:
+        descriptors = descriptors.astype(np.float32, copy=False)
+    return Detection(px[order], response[order], descriptors)
+
+
+def _empty(kind: str) -> Detection:
+    dtype = np.uint8 if kind in BINARY else np.float32
+    return Detection(np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros((0, 64), dtype))
+
+
+def _opencv_detector(kind: str, count: int, contrast: float) -> Any:
+    # OpenCV 5 moved AKAZE and BRISK from the main module to the contributed one.
+    extra = getattr(cv2, "xfeatures2d", cv2)
+    if kind in ("sift", "rootsift"):
+        return cv2.SIFT_create(nfeatures=count, contrastThreshold=contrast)
+    if kind == "orb":
+        return cv2.ORB_create(nfeatures=count, fastThreshold=10)
+    if kind == "akaze":
+        return getattr(cv2, "AKAZE_create", None or getattr(extra, "AKAZE_create", None))(threshold=5e-4)
+    if kind == "brisk":
+        return getattr(cv2, "BRISK_create", None or getattr(extra, "BRISK_create", None))(thresh=20)
+    if kind == "surf":
+        return extra.SURF_create(hessianThreshold=100)
+    raise ValueError(f"unknown feature type '{kind}'")
+
+
+def _opencv_has_surf() -> bool:
+    # The symbol is in every build; only builds with the non-free modules can call it.
+    try:
+        cv2.xfeatures2d.SURF_create()
+    except (AttributeError, cv2.error):
+        return False
+    return True
+
+
+def _surf_mahotas(gray: NDArray[np.uint8], count: int) -> tuple[NDArray, NDArray, NDArray]:
+    from mahotas.features import surf
+
+    # Columns: y, x, scale, score, laplacian, angle, then 64 descriptor values.
+    found = surf.surf(gray, nr_octaves=4, nr_scales=6, initial_step_size=1, threshold=0.1, max_points=count)
+    return found[:, [1, 0]].astype(float), found[:, 3].astype(np.float32), found[:, 6:].astype(np.float32)

@@ -1,0 +1,70 @@
+"""Features with depth: where a scan's keypoints lie in space, in the camera's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.config import Depth, Features
+from miniloop_cli.features.detect import Detection, detect
+from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.sequence import Scan
+
+
+@dataclass(frozen=True)
+class ScanFeatures:
+    """Features of one scan: those with depth first, each part strongest first.
+
+    px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; descriptors: (n, d).
+    """
+
+    px: NDArray[np.float64]
+    px_ideal: NDArray[np.float64]
+    z_m: NDArray[np.float64]
+    descriptors: NDArray[Any]
+
+    @property
+    def with_depth(self) -> int:
+        """How many features have a depth: the first so many rows."""
+        return int(np.isfinite(self.z_m).sum())
+
+    def __len__(self) -> int:
+        return len(self.px)
+
+
+def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) -> ScanFeatures:
+    """Detect, undistort and look up depth in one scan."""
+    import cv2
+
+    gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
+    found = detect(gray, features.type, features.count, features.contrast)
+    z_m = depth_at(scan.depth_m, found.px, depth)
+    return _depth_first(found, camera.undistort(found.px), z_m)
+
+
+def _depth_first(found: Detection, px_ideal: NDArray, z_m: NDArray) -> ScanFeatures:
+    order = np.argsort(np.isnan(z_m), kind="stable")
+    return ScanFeatures(found.px[order], px_ideal[order], z_m[order], found.descriptors[order])
+
+
+def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: Depth) -> NDArray[np.float64]:
+    """Bilinear depth (m) at (n, 2) measured pixels of a (h, w) depth image; NaN where it cannot be trusted.
+
+    All four neighbours must have a reading and agree within `edge_ratio` (a depth edge mixes two surfaces), and the
+    result must lie in [min_m, max_m].
+    """
+    height, width = depth_m.shape
+    corner = np.floor(px).astype(int)
+    inside = (corner >= 0).all(axis=1) & (corner[:, 0] < width - 1) & (corner[:, 1] < height - 1)
+    x, y = np.where(inside[:, None], corner, 0).T
+    fx, fy = (px - corner).T
+    z = np.stack([depth_m[y, x], depth_m[y, x + 1], depth_m[y + 1, x], depth_m[y + 1, x + 1]], axis=1).astype(float)
+    weight = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
+    near, far = z.min(axis=1), z.max(axis=1)
+    smooth = np.isfinite(far) & (near > 0) & (far - near <= settings.edge_ratio * near)
+    value = np.einsum("ij,ij->i", np.where(smooth[:, None], z, 0), weight)
+    usable = inside & smooth & (value >= settings.min_m) & (value <= settings.max_m)
+    return np.where(usable, value, np.nan)

@@ -1,0 +1,151 @@
+"""From matches to verified relative poses: solve the cycles of the graph, fall back to shorter ones, judge each edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.config import Settings, Verification
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.cycles import Cycle, decompose
+from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, overlap_graph
+from miniloop_cli.parallel import Workers
+from miniloop_cli.ransac.estimate import NAMES, EdgeEstimate, EdgeMatches, estimate
+
+VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A pair of scans and what is known of their relative pose.
+
+    `T_j_i` (4, 4) maps points of scan i into scan j; `matches` (m, 2) feature rows, `inliers` (m,) bool;
+    `information` and `covariance` (6, 6) as in EdgeEstimate; `cycle`: number of the cycle that was solved, -1 for a
+    pair; `verdict`: verified, weak (few inliers: used only by scans that need it) or rejected, with the `reason`.
+    """
+
+    i: int
+    j: int
+    matches: NDArray[np.int64]
+    inliers: NDArray[np.bool_]
+    T_j_i: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.full((6, 6), np.inf))
+    solver: str = "pairwise"
+    cycle: int = -1
+    hypotheses: int = 0
+    verdict: str = REJECTED
+    reason: str = ""
+
+    @property
+    def inlier_count(self) -> int:
+        return int(self.inliers.sum())
+
+
+def judge(edge: Edge, settings: Verification) -> Edge:
+    """The edge with its verdict, from its inliers alone."""
+    count, share = edge.inlier_count, edge.inlier_count / max(len(edge.matches), 1)
+    if count >= settings.min_inliers and share >= settings.min_share:
+        return replace(edge, verdict=VERIFIED, reason="")
+    reason = f"{count} inliers of {len(edge.matches)} matches"
+    return replace(edge, verdict=WEAK if count >= settings.rescue_inliers else REJECTED, reason=reason)
+
+
+def solve_edges(
+    matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int, workers: Workers
+) -> list[Edge]:
+    """Every edge of the overlap graph, judged, sorted by (i, j).
+
+    The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
+    not verified there are decomposed again into shorter cycles, in the end into pairs. Each cycle draws from its own
+    generator, seeded by its scans: the result does not depend on the order of work.
+    """
+    solved: dict[Pair, Edge] = {}
+    open_edges, numbered = dict(matches), 0
+    for longest in range(settings.cycles.longest, 1, -1):
+        graph = overlap_graph(len(points), open_edges)
+        cycles = decompose(graph, longest, settings.cycles.decomposition)
+        # A pair that is left over waits for the last round only if that round would treat it differently.
+        work = [(number, cycle) for number, cycle in enumerate(cycles, numbered)]
+        numbered += len(cycles)
+
+        def solve(item: tuple[int, Cycle]) -> list[Edge]:
+            return _solve_cycle(*item, matches, points, settings, seed)
+
+        for edges in workers.map(
+            solve, work, f"solving {longest}-cycles" if longest > 2 else "solving pairs", len(work)
+        ):
+            for edge in edges:
+                better = (edge.i, edge.j) not in solved or edge.inlier_count > solved[edge.i, edge.j].inlier_count
+                if better:
+                    solved[edge.i, edge.j] = edge
+        tried_alone = {cycle for cycle in cycles if len(cycle) == 2}
+        open_edges = {
+            pair: rows
+            for pair, rows in open_edges.items()
+            if solved[pair].verdict != VERIFIED and pair not in tried_alone
+        }
+    return [solved[pair] for pair in sorted(solved)]
+
+
+def _solve_cycle(
+    number: int, cycle: Cycle, matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int
+) -> list[Edge]:
+    cycle = _weakest_last(cycle, matches)
+    chain = list(zip(cycle, cycle[1:], strict=False)) + ([(cycle[0], cycle[-1])] if len(cycle) > 2 else [])
+    inputs = [_directed(points, pair, matches) for pair in chain]
+    rng = np.random.default_rng([seed, len(cycle), *cycle])
+    result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
+    if result is None:
+        return [_unsolved(pair, matches, len(cycle)) for pair in chain]
+    return [
+        judge(_edge(pair, found, matches, len(cycle), number, result.hypotheses), settings.verification)
+        for pair, found in zip(chain, result.edges, strict=True)
+    ]
+
+
+def _weakest_last(cycle: Cycle, matches: Matches) -> Cycle:
+    """The same cycle, begun so that its weakest edge closes it: there a 3- or 4-cycle asks for one match only."""
+    if len(cycle) == 2:
+        return cycle
+    sides = list(zip(cycle, cycle[1:] + cycle[:1], strict=True))
+    weakest = min(range(len(cycle)), key=lambda k: (len(matches[_sorted(sides[k])]), sides[k]))
+    return cycle[weakest + 1 :] + cycle[: weakest + 1]
+
+
+def _sorted(pair: Pair) -> Pair:
+    return (min(pair), max(pair))
+
+
+def _directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> EdgeMatches:
+    found = edge_matches(points, _sorted(pair), matches[_sorted(pair)])
+    return found if pair[0] < pair[1] else found.reversed
+
+
+def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
+    i, j = _sorted(pair)
+    rows = matches[i, j]
+    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=NAMES[scans], reason="no hypothesis fits the matches")
+
+
+def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number: int, hypotheses: int) -> Edge:
+    T, information, covariance = found.T, found.information, found.covariance
+    if pair[0] > pair[1]:
+        # xi of the inverse pose is -Ad(T^-1) xi: information I_inv = Ad(T)^T I Ad(T).
+        A = adjoint(T)
+        information, covariance = A.T @ information @ A, np.linalg.inv(A) @ covariance @ np.linalg.inv(A).T
+        T = se3.inverse(T)
+    i, j = _sorted(pair)
+    cycle = number if scans > 2 else -1
+    return Edge(i, j, matches[i, j], found.inliers, T, information, covariance, NAMES[scans], cycle, hypotheses)
+
+
+def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6, 6) with [exp(w') | v'] T = T [exp(w) | v] to first order, (w', v') = Ad (w, v)."""
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = T[:3, :3]
+    A[3:, :3] = se3.hat(T[:3, 3]) @ T[:3, :3]
+    return A

@@ -1,0 +1,37 @@
+"""All cores, bounded: one ordered parallel map over threads.
+
+Everything heavy here (OpenCV, matrix products, compiled kernels) releases the interpreter lock, so threads share
+their inputs without copies. Inner threads are held at one, so that jobs times cores never exceeds the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
+
+from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
+
+from miniloop_cli.progress import track
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How work is spread: `jobs` threads (-1: one a core), and whether progress is shown."""
+
+    jobs: int = -1
+    quiet: bool = True
+
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int
+    ) -> Iterator[Result]:
+        """function(item) for each item, in the order of the items, whatever the number of jobs."""
+        import cv2
+
+        cv2.setNumThreads(1)
+        with threadpool_limits(1):
+            parallel = Parallel(n_jobs=self.jobs, backend="threading", return_as="generator")
+            yield from track(parallel(delayed(function)(item) for item in items), description, total, self.quiet)

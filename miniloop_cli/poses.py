@@ -1,0 +1,131 @@
+"""From verified edges to one pose a scan: gate the edges, average the motions, drop what contradicts the result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.averaging.rotations import average_rotations
+from miniloop_cli.averaging.translations import average_translations
+from miniloop_cli.config import Averaging
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.edges import REJECTED, VERIFIED, WEAK, Edge
+
+Floats = NDArray[np.float64]
+FEW_EDGES = 3  # a scan that hangs on fewer verified edges may use its weak ones
+
+
+@dataclass(frozen=True)
+class Poses:
+    """T_world_cam (n, 4, 4), one world a component; component (n,) int, 0 the largest, -1 a scan without any edge."""
+
+    T_world_cam: Floats
+    component: NDArray[np.int64]
+
+    @property
+    def registered(self) -> NDArray[np.int64]:
+        """Scans of the largest component, ascending."""
+        return np.flatnonzero(self.component == 0)
+
+
+def used(edges: Sequence[Edge], count: int) -> list[Edge]:
+    """Verified edges, and the weak ones of scans that would hang on fewer than three."""
+    degree = np.zeros(count, int)
+    for edge in edges:
+        if edge.verdict == VERIFIED:
+            degree[[edge.i, edge.j]] += 1
+    few = degree < FEW_EDGES
+    return [e for e in edges if e.verdict == VERIFIED or (e.verdict == WEAK and (few[e.i] or few[e.j]))]
+
+
+def average(edges: Sequence[Edge], count: int, settings: Averaging) -> tuple[Poses, list[Edge]]:
+    """Poses of all scans by motion averaging, and the edges with those that contradict the result rejected.
+
+    Dropping edges changes the result, so averaging is repeated until none is dropped (at most three times).
+    """
+    edges = list(edges)
+    for _ in range(3):
+        poses = _average_components(used(edges, count), count, settings)
+        judged = [_against(edge, poses, settings) for edge in edges]
+        changed = any(a.verdict != b.verdict for a, b in zip(edges, judged, strict=True))
+        edges = judged
+        if not changed:
+            break
+    return _average_components(used(edges, count), count, settings) if changed else poses, edges
+
+
+def components(edges: Sequence[Edge], count: int) -> list[list[int]]:
+    """Scans joined by edges, largest component first (ties: the one with the earliest scan), without lone scans."""
+    graph = nx.Graph((edge.i, edge.j) for edge in edges)
+    return sorted((sorted(c) for c in nx.connected_components(graph)), key=lambda c: (-len(c), c[0]))
+
+
+def residuals(edges: Sequence[Edge], T_world_cam: Floats) -> tuple[Floats, Floats]:
+    """Of each edge against the poses: rotation (m,) degrees, translation (m,) metres."""
+    if not edges:
+        return np.zeros(0), np.zeros(0)
+    i, j = np.array([(e.i, e.j) for e in edges]).T
+    expected, measured = se3.inverse(T_world_cam[j]) @ T_world_cam[i], np.array([e.T_j_i for e in edges])
+    rotation = expected[:, :3, :3] @ np.swapaxes(measured[:, :3, :3], 1, 2)
+    return se3.rotation_angle_deg(rotation), np.linalg.norm(expected[:, :3, 3] - measured[:, :3, 3], axis=1)
+
+
+def _average_components(edges: Sequence[Edge], count: int, settings: Averaging) -> Poses:
+    T, component = np.tile(np.eye(4), (count, 1, 1)), np.full(count, -1)
+    for number, scans in enumerate(components(edges, count)):
+        inside = [e for e in edges if e.i in set(scans)]
+        component[scans] = number
+        T[scans] = _average_component(inside, scans, settings)
+    return Poses(T, component)
+
+
+def _average_component(edges: Sequence[Edge], scans: Sequence[int], settings: Averaging) -> Floats:
+    position = {scan: k for k, scan in enumerate(scans)}
+    pairs = np.array([(position[e.i], position[e.j]) for e in edges])
+    T_j_i = np.array([e.T_j_i for e in edges])
+    inliers = np.array([e.inlier_count for e in edges], float)
+    robust = settings.rotations == "robust"
+    R = average_rotations(
+        len(scans),
+        pairs,
+        T_j_i[:, :3, :3],
+        inliers if robust else None,
+        loops=robust,
+        scale_deg=settings.rotation_scale_deg,
+    ).R_world_cam
+    t_j_i, weights = _translations_given_rotations(edges, T_j_i, R, pairs)
+    robust = settings.translations == "robust"
+    t = average_translations(
+        R, pairs, t_j_i, weights if robust else inliers, robust=robust, scale_m=settings.translation_scale_m
+    ).t_world_cam
+    return se3.pose(R, t)
+
+
+def _translations_given_rotations(
+    edges: Sequence[Edge], T_j_i: Floats, R_world_cam: Floats, pairs: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """The translations that satisfy an edge's correspondences best once its rotation is the averaged one.
+
+    With w the rotation that averaging added, the information matrix gives v = -H_vv^-1 H_vw w: with equal isotropic
+    noise this is the paper's least squares, t = mean(q) - R mean(p). Returns t (m, 3) and weights (m,) 1/m^2.
+    """
+    H = np.array([e.information for e in edges])
+    R = np.swapaxes(R_world_cam[pairs[:, 1]], 1, 2) @ R_world_cam[pairs[:, 0]]
+    w = se3.log_so3(R @ np.swapaxes(T_j_i[:, :3, :3], 1, 2))
+    v = -np.linalg.solve(H[:, 3:, 3:], np.einsum("mij,mj->mi", H[:, 3:, :3], w)[..., None])[..., 0]
+    t = np.einsum("mij,mj->mi", se3.exp_so3(w), T_j_i[:, :3, 3]) + v
+    return t, np.trace(np.linalg.inv(H[:, 3:, 3:]), axis1=1, axis2=2) ** -1.0
+
+
+def _against(edge: Edge, poses: Poses, settings: Averaging) -> Edge:
+    """The edge, rejected if it contradicts the poses of its component."""
+    if edge.verdict == REJECTED or poses.component[edge.i] < 0 or poses.component[edge.i] != poses.component[edge.j]:
+        return edge
+    (angle,), (distance,) = residuals([edge], poses.T_world_cam)
+    if angle <= settings.max_residual_deg and distance <= settings.max_residual_m:
+        return edge
+    return replace(edge, verdict=REJECTED, reason=f"contradicts the others by {angle:.1f} deg, {100 * distance:.0f} cm")
