@@ -89,10 +89,9 @@ def unpack(keys: Keys) -> NDArray[np.int64]:
 
 def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
     """Add up the rows of equal keys; keys come out sorted and unique."""
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
-    return keys[first], np.add.reduceat(sums[order], first, axis=0)
+    unique, rows = np.unique(keys, return_inverse=True)
+    columns = [np.bincount(rows, sums[:, c], len(unique)) for c in range(sums.shape[1])]
+    return unique, np.stack(columns, axis=1)
 
 
 def fuse_cloud(
