@@ -1,0 +1,139 @@
+"""Predefined transformations: two matches of an edge leave one rotation, about the axis through them (paper, sec. 2.1).
+
+H moves scan e, G moves scan e+1, so that the two matched points lie on the z axis, symmetric about the origin; then
+T_e = G^-1 L(theta) H with L a rotation about z. The paper puts the origin into the first point; the midpoint is
+as free and splits the error of two noisy points (see docs/solvers.md for the measurement).
+
+A frame is a tuple of 12 floats: the rows x, y, z of the rotation into it, then its origin. A rigid motion K is
+a tuple of 12 floats: rotation row by row, then translation. Rotations about z are unit complex numbers (c, s).
+Everything here is inlined into the solvers; tuples live in registers, nothing is allocated.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Motion = tuple[float, ...]
+# Sums may be reassociated, but NaN and infinity keep their meaning: degenerate samples are told by them.
+FAST = {"contract", "reassoc", "nsz", "arcp"}
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FAST}
+# A baseline shorter than this share of the coordinates is no axis: its direction would be rounding.
+SHORTEST_BASELINE = 1e-10
+
+
+@njit(**OPTIONS)
+def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
+    """Frame of the axis through rows i and i+1 of (k, 3) points: origin in their midpoint, z towards row i+1.
+
+    The second value is False if the points (nearly) coincide or are not finite. The basis is Duff et al.,
+    "Building an orthonormal basis, revisited", JCGT 2017: no branch, no square root.
+    """
+    x, y, z = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1], points[i + 1, 2] - points[i, 2]
+    ox, oy, oz = points[i, 0] + 0.5 * x, points[i, 1] + 0.5 * y, points[i, 2] + 0.5 * z
+    length = math.sqrt(x * x + y * y + z * z)
+    good = length > SHORTEST_BASELINE * (abs(ox) + abs(oy) + abs(oz))
+    scale = 1.0 / length
+    x, y, z = x * scale, y * scale, z * scale
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y, x, y, z, ox, oy, oz), good
+
+
+@njit(**OPTIONS)
+def aligned(frame: Motion, points: Array, i: int) -> tuple[float, float, float]:
+    """Coordinates in `frame` of row i of (k, 3) points."""
+    x, y, z = points[i, 0] - frame[9], points[i, 1] - frame[10], points[i, 2] - frame[11]
+    return (
+        frame[0] * x + frame[1] * y + frame[2] * z,
+        frame[3] * x + frame[4] * y + frame[5] * z,
+        frame[6] * x + frame[7] * y + frame[8] * z,
+    )
+
+
+@njit(**OPTIONS)
+def joint(H: Motion, G: Motion) -> Motion:
+    """K = H G^-1: from the frame of the axis by which a scan is entered (G) to that by which it is left (H)."""
+    x, y, z = G[9] - H[9], G[10] - H[10], G[11] - H[11]
+    return (
+        H[0] * G[0] + H[1] * G[1] + H[2] * G[2],
+        H[0] * G[3] + H[1] * G[4] + H[2] * G[5],
+        H[0] * G[6] + H[1] * G[7] + H[2] * G[8],
+        H[3] * G[0] + H[4] * G[1] + H[5] * G[2],
+        H[3] * G[3] + H[4] * G[4] + H[5] * G[5],
+        H[3] * G[6] + H[4] * G[7] + H[5] * G[8],
+        H[6] * G[0] + H[7] * G[1] + H[8] * G[2],
+        H[6] * G[3] + H[7] * G[4] + H[8] * G[5],
+        H[6] * G[6] + H[7] * G[7] + H[8] * G[8],
+        H[0] * x + H[1] * y + H[2] * z,
+        H[3] * x + H[4] * y + H[5] * z,
+        H[6] * x + H[7] * y + H[8] * z,
+    )
+
+
+@njit(**OPTIONS)
+def turned(K: Motion, row: int, p: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Coordinate `row` of K L(a) p as coefficients of (1, cos a, sin a)."""
+    k0, k1, k2, t = K[3 * row], K[3 * row + 1], K[3 * row + 2], K[9 + row]
+    return k2 * p[2] + t, k0 * p[0] + k1 * p[1], k1 * p[0] - k0 * p[1]
+
+
+@njit(**OPTIONS)
+def back_translation(K: Motion) -> tuple[float, float, float]:
+    """u = R^T t of K: |K x|^2 = |x|^2 + |t|^2 + 2 u.x, which makes norms linear in a cosine and a sine."""
+    return (
+        K[0] * K[9] + K[3] * K[10] + K[6] * K[11],
+        K[1] * K[9] + K[4] * K[10] + K[7] * K[11],
+        K[2] * K[9] + K[5] * K[10] + K[8] * K[11],
+    )
+
+
+@njit(**OPTIONS)
+def turned_norm(u: tuple[float, float, float], t2: float, p: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Half of |K L(a) p|^2 as coefficients of (1, cos a, sin a); u = R^T t and t2 = |t|^2 of K."""
+    half = 0.5 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + t2)
+    return half + u[2] * p[2], u[0] * p[0] + u[1] * p[1], u[1] * p[0] - u[0] * p[1]
+
+
+@njit(**OPTIONS)
+def at(f: tuple[float, float, float], c: float, s: float) -> float:
+    """Value of f, coefficients of (1, cos, sin), at an angle."""
+    return f[0] + f[1] * c + f[2] * s
+
+
+@njit(**OPTIONS)
+def apply(K: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """K (x, y, z)."""
+    return (
+        K[0] * x + K[1] * y + K[2] * z + K[9],
+        K[3] * x + K[4] * y + K[5] * z + K[10],
+        K[6] * x + K[7] * y + K[8] * z + K[11],
+    )
+
+
+@njit(**OPTIONS)
+def unapply(K: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """K^-1 (x, y, z)."""
+    x, y, z = x - K[9], y - K[10], z - K[11]
+    return K[0] * x + K[3] * y + K[6] * z, K[1] * x + K[4] * y + K[7] * z, K[2] * x + K[5] * y + K[8] * z
+
+
+@njit(**OPTIONS)
+def write_edge(T: Array, s: int, e: int, H: Motion, G: Motion, cos: float, sin: float) -> None:
+    """T[s, e] = [R | t] of G^-1 L(angle) H."""
+    for k in range(3):
+        gx, gy, gz = G[k], G[3 + k], G[6 + k]
+        a, b = cos * gx + sin * gy, cos * gy - sin * gx
+        rx, ry, rz = (
+            a * H[0] + b * H[3] + gz * H[6],
+            a * H[1] + b * H[4] + gz * H[7],
+            a * H[2] + b * H[5] + gz * H[8],
+        )
+        T[s, e, k, 0], T[s, e, k, 1], T[s, e, k, 2] = rx, ry, rz
+        T[s, e, k, 3] = G[9 + k] - (rx * H[9] + ry * H[10] + rz * H[11])

@@ -1,0 +1,102 @@
+"""Three scans, 2+2+1 matches (paper, sec. 2.3): two angles from the one match that closes the cycle.
+
+With v(a) = K2 L(a) p the closing match asks for q = L(b) v. A rotation about z keeps z and the norm, so b drops out of
+    v_z = q_z   and   |v|^2 = |q|^2,
+both linear in x = (cos a, sin a): A x = y. The image of the circle |x| = 1 under A is an ellipse, and the least-squares
+angle is its point nearest to y, which is unique off the axes of the ellipse: a secular equation, solved by a
+monotone Newton iteration after the singular value decomposition of A. The second equation is taken as
+(|v|^2 - |q|^2) / 2 - q_z (v_z - q_z), divided by the radius of q: to first order the error of the radius, so that the
+residual of both is the distance that is left between the two circles on which the closing points move.
+Then e^{ib} = q / v as complex numbers.
+
+13 constraints on 12 degrees of freedom: one solution. (The paper uses the z row and the circle: two solutions for each
+of two angles that it takes to be independent.) Filtered: coincident points, parallel or meeting axes, closing points
+on an axis.
+Source: own derivation; the same problem is "subproblem 2 extended" in Elias & Wen, IK-Geo, 2022.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from miniloop_cli.solvers.alignment import (
+    OPTIONS,
+    Array,
+    aligned,
+    at,
+    axis_frame,
+    back_translation,
+    joint,
+    turned,
+    turned_norm,
+    write_edge,
+)
+
+MATCHES = (2, 2, 1)
+MAX_SOLUTIONS = 1
+# Below this ratio of its half axes the ellipse is a segment, and two mirrored angles are equally good.
+FLATTEST = 1e-9
+
+
+@njit(**OPTIONS)
+def nearest_on_circle(
+    z: tuple[float, float, float], n: tuple[float, float, float], z_value: float, n_value: float
+) -> tuple[float, float, bool]:
+    """Least squares of z(a) = z_value, n(a) = n_value, both coefficients of (1, cos, sin): cos, sin, found."""
+    y0, y1 = z_value - z[0], n_value - n[0]
+    # A = U diag(s1, s2) V^T by one Jacobi rotation of the columns; V = [[k, -m], [m, k]].
+    e, f, g = z[1] * z[1] + n[1] * n[1], z[1] * z[2] + n[1] * n[2], z[2] * z[2] + n[2] * n[2]
+    difference = e - g
+    root = math.sqrt(difference * difference + 4 * f * f)
+    k = math.sqrt(0.5 * (1 + abs(difference) / root)) if root > 0 else 1.0
+    m = f / (root * k) if root > 0 else 0.0
+    if difference < 0:
+        k, m = abs(m), math.copysign(k, f)
+    a0, a1 = k * z[1] + m * z[2], k * n[1] + m * n[2]
+    b0, b1 = k * z[2] - m * z[1], k * n[2] - m * n[1]
+    A, B = a0 * a0 + a1 * a1, b0 * b0 + b1 * b1
+    if not B > FLATTEST * FLATTEST * A:
+        return 1.0, 0.0, False
+    # Minimum of |A x - y| on |x| = 1: x = (A^T A + t)^-1 A^T y with the t > -B that makes x a unit vector.
+    a, b = a0 * y0 + a1 * y1, b0 * y0 + b1 * y1
+    lowest = max(abs(a) - A, abs(b) - B)
+    t = max(0.0, lowest)
+    for _ in range(30):
+        u, w = a / (A + t), b / (B + t)
+        excess = u * u + w * w - 1
+        step = 0.5 * excess / (u * u / (A + t) + w * w / (B + t))
+        t = max(t + step, lowest)
+        if not abs(step) > 1e-15 * (B + t):
+            break
+    u, w = a / (A + t), b / (B + t)
+    norm = math.sqrt(u * u + w * w)
+    return (k * u - m * w) / norm, (m * u + k * w) / norm, norm > 0.5
+
+
+@njit(**OPTIONS)
+def solve(p: Array, q: Array, T: Array) -> int:
+    """p, q (5, 3) matches of the edges 1-2, 2-3 (two each), 1-3; T (1, 2, 3, 4) gets 1 -> 2 -> 3; returns 0 or 1."""
+    H1, good_h1 = axis_frame(p, 0)
+    G2, good_g2 = axis_frame(q, 0)
+    H2, good_h2 = axis_frame(p, 2)
+    G3, good_g3 = axis_frame(q, 2)
+    if not (good_h1 and good_g2 and good_h2 and good_g3):
+        return 0
+    K2 = joint(H2, G2)
+    a, b = aligned(H1, p, 4), aligned(G3, q, 4)
+    z = turned(K2, 2, a)
+    n = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
+    radius2 = b[0] * b[0] + b[1] * b[1]
+    scale = 1.0 / math.sqrt(radius2)
+    n_row = scale * (n[0] - b[2] * z[0]), scale * (n[1] - b[2] * z[1]), scale * (n[2] - b[2] * z[2])
+    cos_a, sin_a, found = nearest_on_circle(z, n_row, b[2], 0.5 * scale * (radius2 - b[2] * b[2]))
+    x, y = at(turned(K2, 0, a), cos_a, sin_a), at(turned(K2, 1, a), cos_a, sin_a)
+    c, s = x * b[0] + y * b[1], x * b[1] - y * b[0]
+    norm = math.sqrt(c * c + s * s)
+    if not (found and norm > 1e-300):
+        return 0
+    write_edge(T, 0, 0, H1, G2, cos_a, sin_a)
+    write_edge(T, 0, 1, H2, G3, c / norm, s / norm)
+    return 1

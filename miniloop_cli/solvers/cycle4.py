@@ -1,0 +1,105 @@
+"""Four scans, 2+2+2+1 matches (paper, sec. 2.4): a quartic instead of a Groebner basis with 16 solutions.
+
+With v(a) = K2 L(a) p the closing match asks for q = L(g) K3 L(b) v. A rotation about z keeps z and the norm: g drops
+out. With w = L(b) v, K3 = [R | t], r the third row of R, u = R^T t (so |K3 w|^2 = |v|^2 + |t|^2 + 2 u.w), w_z = v_z:
+    r_x w_x + r_y w_y = q_z - t_z - r_z v_z,
+    u_x w_x + u_y w_y = (|q|^2 - |t|^2 - |v|^2) / 2 - u_z v_z.
+The matrix on the left is constant, the right sides are linear in (cos a, sin a), hence so is (w_x, w_y). A rotation
+keeps w_x^2 + w_y^2 = v_x^2 + v_y^2: a trigonometric polynomial of degree 2 in a, that is a quartic in tan(a/2). For
+each root e^{ib} = w / v and e^{ig} = q / (K3 w) as complex numbers.
+
+At most 4 solutions (paper: 16), on 18 degrees of freedom with 18 constraints: nothing is left to rank them.
+Filtered: coincident points, axes 2 and 3 parallel or meeting (the matrix is singular), closing points on an axis.
+Source: own derivation; the closed form is Pieper's (1968) for three revolute joints.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.solvers.alignment import (
+    OPTIONS,
+    Array,
+    aligned,
+    apply,
+    at,
+    axis_frame,
+    back_translation,
+    joint,
+    turned,
+    turned_norm,
+    write_edge,
+)
+from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
+
+MATCHES = (2, 2, 2, 1)
+MAX_SOLUTIONS = 4
+# Sine of the angle between two axes, times that of their distance's, below which the constant matrix is singular.
+SINGULAR = 1e-10
+
+
+@njit(**OPTIONS)
+def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
+    H1, good_h1 = axis_frame(p, 0)
+    G2, good_g2 = axis_frame(q, 0)
+    H2, good_h2 = axis_frame(p, 2)
+    G3, good_g3 = axis_frame(q, 2)
+    H3, good_h3 = axis_frame(p, 4)
+    G4, good_g4 = axis_frame(q, 4)
+    if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4):
+        return 0
+    K2, K3 = joint(H2, G2), joint(H3, G3)
+    a, b = aligned(H1, p, 6), aligned(G4, q, 6)
+    vx, vy, vz = turned(K2, 0, a), turned(K2, 1, a), turned(K2, 2, a)
+    vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
+    u = back_translation(K3)
+    t2 = K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11]
+    z0, n0 = b[2] - K3[11], 0.5 * (b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - t2)
+    z = z0 - K3[8] * vz[0], -K3[8] * vz[1], -K3[8] * vz[2]
+    n = n0 - vv[0] - u[2] * vz[0], -vv[1] - u[2] * vz[1], -vv[2] - u[2] * vz[2]
+    det = K3[6] * u[1] - K3[7] * u[0]
+    if not abs(det) > SINGULAR * math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]):
+        return 0
+    # det times w: still finite where the matrix is nearly singular.
+    wx = u[1] * z[0] - K3[7] * n[0], u[1] * z[1] - K3[7] * n[1], u[1] * z[2] - K3[7] * n[2]
+    wy = K3[6] * n[0] - u[0] * z[0], K3[6] * n[1] - u[0] * z[1], K3[6] * n[2] - u[0] * z[2]
+    d2 = det * det
+    work = workspace()
+    f, roots = np.empty(5), np.empty((4, 2))
+    cc = wx[1] * wx[1] + wy[1] * wy[1] - d2 * (vx[1] * vx[1] + vy[1] * vy[1])
+    ss = wx[2] * wx[2] + wy[2] * wy[2] - d2 * (vx[2] * vx[2] + vy[2] * vy[2])
+    f[0] = wx[0] * wx[0] + wy[0] * wy[0] - d2 * (vx[0] * vx[0] + vy[0] * vy[0]) + 0.5 * (cc + ss)
+    f[1] = 2 * (wx[0] * wx[1] + wy[0] * wy[1] - d2 * (vx[0] * vx[1] + vy[0] * vy[1]))
+    f[2] = 2 * (wx[0] * wx[2] + wy[0] * wy[2] - d2 * (vx[0] * vx[2] + vy[0] * vy[2]))
+    f[3] = 0.5 * (cc - ss)
+    f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
+    count = 0
+    for i in range(roots_on_circle(f, 2, nearly_real, work, roots)):
+        ca, sa = roots[i, 0], roots[i, 1]
+        x, y, zv = at(vx, ca, sa), at(vy, ca, sa), at(vz, ca, sa)
+        X, Y = at(wx, ca, sa) / det, at(wy, ca, sa) / det
+        cb, sb = x * X + y * Y, x * Y - y * X
+        norm_b = math.sqrt(cb * cb + sb * sb)
+        cb, sb = cb / norm_b, sb / norm_b
+        x, y, zv = apply(K3, cb * x - sb * y, sb * x + cb * y, zv)
+        cg, sg = x * b[0] + y * b[1], x * b[1] - y * b[0]
+        norm_g = math.sqrt(cg * cg + sg * sg)
+        if norm_b > 1e-300 and norm_g > 1e-300:
+            write_edge(T, count, 0, H1, G2, ca, sa)
+            write_edge(T, count, 1, H2, G3, cb, sb)
+            write_edge(T, count, 2, H3, G4, cg / norm_g, sg / norm_g)
+            count += 1
+    return count
+
+
+@njit(**OPTIONS)
+def solve(p: Array, q: Array, T: Array) -> int:
+    """p, q (7, 3) matches of the edges 1-2, 2-3, 3-4 (two each) and 1-4; T (4, 3, 3, 4) receives 1 -> 2 -> 3 -> 4.
+
+    Returns the number of solutions, 0 to 4.
+    """
+    return solve_within(p, q, T, NEARLY_REAL)

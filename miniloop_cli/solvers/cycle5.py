@@ -1,0 +1,221 @@
+"""Five scans, 2+2+2+2+2 matches (paper, sec. 2.5): an octic instead of a Groebner basis with 32 solutions.
+
+Meet in the middle. For the closing matches i = 1, 2 let v_i(a) = K2 L(a) p_i, x_i = K3 L(b) v_i and
+y_i = K4^-1 L(d)^-1 q_i; the loop closes if y_i = L(g) x_i. A rotation about z keeps z and the norm, so g drops out:
+x_iz = y_iz and |x_i|^2 = |y_i|^2.
+With K3 = [R | t], r the third row of R, u = R^T t, and r', u' the same of K4^-1, these are, for the xy parts
+w_i = L(b) v_i and w'_i = L(d)^-1 q_i,
+    M w_i + e_i = M' w'_i,   M = [[r_x, r_y], [u_x, u_y]],  M' likewise (both constant),
+    e_i = (r_z v_iz + t_z - r'_z q_iz - t'_z,  (|v_i|^2 + |t|^2 - |q_i|^2 - |t'|^2) / 2 + u_z v_iz - u'_z q_iz),
+with e_i and v_i linear in (cos a, sin a). Now let xy parts be complex numbers: w_i = v_i B and w'_i = q_i D with unit
+numbers B = e^{ib}, D = e^{-id}, and M'^-1 M acts as w -> m w + n conj(w). So
+    q_i D = m v_i B + n conj(v_i B) + h_i,   h_i = M'^-1 e_i.
+Eliminating D from i = 1, 2 leaves
+    P B + Q conj(B) = h,   P = m (q_2 v_1 - q_1 v_2),  Q = n (q_2 conj(v_1) - q_1 conj(v_2)),  h = q_1 h_2 - q_2 h_1,
+and with its conjugate B = (conj(P) h - Q conj(h)) / (|P|^2 - |Q|^2) = N / W. |B| = 1 is |N|^2 = W^2: a trigonometric
+polynomial of degree 4 in a, an octic in tan(a/2). D then follows from both closing matches in the least-squares sense,
+and so does g.
+
+At most 8 solutions (paper: 32). |D| = 1 was not used: the 25 constraints exceed the 24 degrees of freedom by one, and
+the closing residual ranks the solutions, best first. Filtered: coincident points, singular M or M' (neighbouring axes
+2, 3 or 3, 4 parallel or meeting), closing points on an axis.
+Source: own derivation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.solvers.alignment import (
+    OPTIONS,
+    Array,
+    Motion,
+    aligned,
+    apply,
+    axis_frame,
+    back_translation,
+    joint,
+    turned,
+    turned_norm,
+    unapply,
+    write_edge,
+)
+from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
+
+MATCHES = (2, 2, 2, 2, 2)
+MAX_SOLUTIONS = 8
+# Sine of the angle between two axes, times that of their distance's, below which a constant matrix is singular.
+SINGULAR = 1e-10
+Waves = tuple[complex, complex, complex]
+
+
+@njit(**OPTIONS)
+def _waves(x: tuple[float, float, float], y: tuple[float, float, float]) -> Waves:
+    """x + iy, coefficients of (1, cos a, sin a), as coefficients of e^{-ia}, 1, e^{ia}."""
+    return (
+        complex(0.5 * (x[1] - y[2]), 0.5 * (y[1] + x[2])),
+        complex(x[0], y[0]),
+        complex(0.5 * (x[1] + y[2]), 0.5 * (y[1] - x[2])),
+    )
+
+
+@njit(**OPTIONS)
+def _mix(s: complex, x: Waves, t: complex, y: Waves) -> Waves:
+    return s * x[0] + t * y[0], s * x[1] + t * y[1], s * x[2] + t * y[2]
+
+
+@njit(**OPTIONS)
+def _conj(x: Waves) -> Waves:
+    return x[2].conjugate(), x[1].conjugate(), x[0].conjugate()
+
+
+@njit(**OPTIONS)
+def _product(x: Waves, y: Waves) -> tuple[complex, complex, complex, complex, complex]:
+    """Coefficients of e^{-2ia} .. e^{2ia}."""
+    return (
+        x[0] * y[0],
+        x[0] * y[1] + x[1] * y[0],
+        x[0] * y[2] + x[1] * y[1] + x[2] * y[0],
+        x[1] * y[2] + x[2] * y[1],
+        x[2] * y[2],
+    )
+
+
+@njit(**OPTIONS)
+def _value(x: Waves, e: complex) -> complex:
+    """x at the angle e = e^{ia}."""
+    return x[0] * e.conjugate() + x[1] + x[2] * e
+
+
+@njit(**OPTIONS)
+def _offset(
+    K3: Motion,
+    u: tuple[float, float, float],
+    z: tuple[float, float, float],
+    n: tuple[float, float, float],
+    z_value: float,
+    n_value: float,
+    M: tuple[float, float, float, float],
+) -> Waves:
+    """adj(M') e_i; z: of v_i, n: half of |v_i|^2 + |t|^2, z_value and n_value: the same of the other side."""
+    e = K3[8] * z[0] + K3[11] - z_value, K3[8] * z[1], K3[8] * z[2]
+    f = n[0] + u[2] * z[0] - n_value, n[1] + u[2] * z[1], n[2] + u[2] * z[2]
+    return _waves(
+        (M[3] * e[0] - M[1] * f[0], M[3] * e[1] - M[1] * f[1], M[3] * e[2] - M[1] * f[2]),
+        (M[0] * f[0] - M[2] * e[0], M[0] * f[1] - M[2] * e[1], M[0] * f[2] - M[2] * e[2]),
+    )
+
+
+@njit(**OPTIONS)
+def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
+    H1, good_h1 = axis_frame(p, 0)
+    G2, good_g2 = axis_frame(q, 0)
+    H2, good_h2 = axis_frame(p, 2)
+    G3, good_g3 = axis_frame(q, 2)
+    H3, good_h3 = axis_frame(p, 4)
+    G4, good_g4 = axis_frame(q, 4)
+    H4, good_h4 = axis_frame(p, 6)
+    G5, good_g5 = axis_frame(q, 6)
+    if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4 and good_h4 and good_g5):
+        return 0
+    K2, K3, K4 = joint(H2, G2), joint(H3, G3), joint(H4, G4)
+    p1, p2, q1, q2 = aligned(H1, p, 8), aligned(H1, p, 9), aligned(G5, q, 8), aligned(G5, q, 9)
+    u, back = back_translation(K3), back_translation(K4)
+    M = K3[6], K3[7], u[0], u[1]
+    N = K4[2], K4[5], -K4[9], -K4[10]
+    det_m, det_n = M[0] * M[3] - M[1] * M[2], N[0] * N[3] - N[1] * N[2]
+    t2, s2 = (
+        K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11],
+        K4[9] * K4[9] + K4[10] * K4[10] + K4[11] * K4[11],
+    )
+    if not (abs(det_m) > SINGULAR * math.sqrt(t2) and abs(det_n) > SINGULAR * math.sqrt(s2)):
+        return 0
+    # adj(M') M = w -> m w + n conj(w); the determinant of M' is left out on both sides.
+    a00, a01 = N[3] * M[0] - N[1] * M[2], N[3] * M[1] - N[1] * M[3]
+    a10, a11 = N[0] * M[2] - N[2] * M[0], N[0] * M[3] - N[2] * M[1]
+    m, n = 0.5 * complex(a00 + a11, a10 - a01), 0.5 * complex(a00 - a11, a10 + a01)
+    u2 = back_translation(K2)
+    k2 = K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11] + t2
+    v1, v2 = _waves(turned(K2, 0, p1), turned(K2, 1, p1)), _waves(turned(K2, 0, p2), turned(K2, 1, p2))
+    c1, c2 = complex(q1[0], q1[1]), complex(q2[0], q2[1])
+    z1, z2 = turned(K2, 2, p1), turned(K2, 2, p2)
+    half1 = 0.5 * (q1[0] * q1[0] + q1[1] * q1[1] + q1[2] * q1[2] + s2) - K4[11] * q1[2]
+    half2 = 0.5 * (q2[0] * q2[0] + q2[1] * q2[1] + q2[2] * q2[2] + s2) - K4[11] * q2[2]
+    h1 = _offset(K3, u, z1, turned_norm(u2, k2, p1), K4[8] * q1[2] - back[2], half1, N)
+    h2 = _offset(K3, u, z2, turned_norm(u2, k2, p2), K4[8] * q2[2] - back[2], half2, N)
+    P = _mix(m * c2, v1, -m * c1, v2)
+    Q = _mix(n * c2, _conj(v1), -n * c1, _conj(v2))
+    h = _mix(c1, h2, -c2, h1)
+    x, y = _product(_conj(P), h), _product(Q, _conj(h))
+    B = x[0] - y[0], x[1] - y[1], x[2] - y[2], x[3] - y[3], x[4] - y[4]
+    x, y = _product(_conj(P), P), _product(_conj(Q), Q)
+    W = x[2].real - y[2].real, x[3] - y[3], x[4] - y[4]
+
+    work = workspace()
+    f, roots, found = np.empty(9), np.empty((8, 2)), np.empty((8, 9))
+    # Coefficients of e^{ika} in |N|^2 - W^2, k = 0 .. 4.
+    W1, W2 = W[1].conjugate(), W[2].conjugate()
+    f[0] = -W[0] * W[0] - 2 * (W[1] * W1 + W[2] * W2).real
+    for k in range(5):
+        f[0] += (B[k] * B[k].conjugate()).real
+    f1 = B[1] * B[0].conjugate() + B[2] * B[1].conjugate() + B[3] * B[2].conjugate() + B[4] * B[3].conjugate()
+    f1 -= 2 * (W[0] * W[1] + W1 * W[2])
+    f2 = B[2] * B[0].conjugate() + B[3] * B[1].conjugate() + B[4] * B[2].conjugate() - 2 * W[0] * W[2] - W[1] * W[1]
+    f3 = B[3] * B[0].conjugate() + B[4] * B[1].conjugate() - 2 * W[1] * W[2]
+    f4 = B[4] * B[0].conjugate() - W[2] * W[2]
+    f[1], f[2], f[3], f[4] = 2 * f1.real, -2 * f1.imag, 2 * f2.real, -2 * f2.imag
+    f[5], f[6], f[7], f[8] = 2 * f3.real, -2 * f3.imag, 2 * f4.real, -2 * f4.imag
+
+    count = 0
+    for i in range(roots_on_circle(f, 4, nearly_real, work, roots)):
+        e = complex(roots[i, 0], roots[i, 1])
+        Pa, Qa, ha = _value(P, e), _value(Q, e), _value(h, e)
+        b = (Pa.conjugate() * ha - Qa * ha.conjugate()) * (abs(Pa) - abs(Qa))
+        norm_b = abs(b)
+        b /= norm_b
+        w1, w2 = _value(v1, e) * b, _value(v2, e) * b
+        zv1 = z1[0] + z1[1] * e.real + z1[2] * e.imag
+        zv2 = z2[0] + z2[1] * e.real + z2[2] * e.imag
+        d = c1.conjugate() * (m * w1 + n * w1.conjugate() + _value(h1, e))
+        d += c2.conjugate() * (m * w2 + n * w2.conjugate() + _value(h2, e))
+        d *= det_n
+        norm_d = abs(d)
+        d /= norm_d
+        x1, x2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
+        w1, w2 = c1 * d, c2 * d
+        y1, y2 = unapply(K4, w1.real, w1.imag, q1[2]), unapply(K4, w2.real, w2.imag, q2[2])
+        s, t = complex(x1[0], x1[1]), complex(x2[0], x2[1])
+        g = s.conjugate() * complex(y1[0], y1[1]) + t.conjugate() * complex(y2[0], y2[1])
+        norm_g = abs(g)
+        g /= norm_g
+        if not (norm_b > 1e-300 and norm_d > 1e-300 and norm_g > 1e-300):
+            continue
+        s, t = g * s - complex(y1[0], y1[1]), g * t - complex(y2[0], y2[1])
+        residual = (s * s.conjugate() + t * t.conjugate()).real + (x1[2] - y1[2]) ** 2 + (x2[2] - y2[2]) ** 2
+        k = count
+        while k > 0 and found[k - 1, 8] > residual:
+            found[k] = found[k - 1]
+            k -= 1
+        found[k, 0], found[k, 1], found[k, 2], found[k, 3] = e.real, e.imag, b.real, b.imag
+        found[k, 4], found[k, 5], found[k, 6], found[k, 7] = g.real, g.imag, d.real, -d.imag
+        found[k, 8] = residual
+        count += 1
+    for k in range(count):
+        write_edge(T, k, 0, H1, G2, found[k, 0], found[k, 1])
+        write_edge(T, k, 1, H2, G3, found[k, 2], found[k, 3])
+        write_edge(T, k, 2, H3, G4, found[k, 4], found[k, 5])
+        write_edge(T, k, 3, H4, G5, found[k, 6], found[k, 7])
+    return count
+
+
+@njit(**OPTIONS)
+def solve(p: Array, q: Array, T: Array) -> int:
+    """p, q (10, 3) matches, two each of 1-2, 2-3, 3-4, 4-5, 1-5; T (8, 4, 3, 4) receives 1 -> 2 -> 3 -> 4 -> 5.
+
+    Returns the number of solutions, 0 to 8, best closing residual first.
+    """
+    return solve_within(p, q, T, NEARLY_REAL)
