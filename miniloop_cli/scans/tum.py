@@ -91,5 +91,5 @@ def _why_nothing(color_s: list[float], depth_s: list[float], color_from: str, de
     nearest = np.abs(around - np.array(color_s)).min()
     return (
         f"no colour image has a depth image within {1000 * MAX_DIFFERENCE_S:.0f} ms; the nearest stamps of "
-        f"{color_from} and {depth_from} are {nearest:.3f} s apart: are both tables of the same recording and in seconds?"
+        f"{color_from} and {depth_from} are {nearest:.3f} s apart; are both of one recording, and in seconds?"
     )

@@ -1,0 +1,171 @@
+"""Ray casting of textured boxes and spheres: colour, depth along the optical axis, incidence, and what was hit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+NOTHING = -1
+MIN_HIT_M = 1e-3
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _hit_box(o: Array, d: Array, half: Array, within: bool) -> tuple[float, int, int]:
+    """Distance, axis and side (0 low, 1 high) at which o + t d, in the frame of the box, meets it; 1e30 if never."""
+    near, far = -1e30, 1e30
+    near_axis, far_axis, near_side, far_side = 0, 0, 0, 0
+    for axis in range(3):
+        step = d[axis] if abs(d[axis]) > 1e-12 else 1e-12
+        a, b = (-half[axis] - o[axis]) / step, (half[axis] - o[axis]) / step
+        side = 0
+        if a > b:
+            a, b = b, a
+            side = 1
+        if a > near:
+            near, near_axis, near_side = a, axis, side
+        if b < far:
+            far, far_axis, far_side = b, axis, 1 - side
+    if near > far:
+        return 1e30, 0, 0
+    if within:
+        return (far if far > MIN_HIT_M else 1e30), far_axis, far_side
+    return (near if near > MIN_HIT_M else 1e30), near_axis, near_side
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float, weight: float, rgb: Array) -> None:
+    """Add the bilinear colour at (x, y), pixels of the finest level, of one level (offset, width, height) to rgb."""
+    offset, width, height = level
+    x = max(min((x + 0.5) * scale - 0.5, width - 1.001), 0.0)
+    y = max(min((y + 0.5) * scale - 0.5, height - 1.001), 0.0)
+    column, row = int(x), int(y)
+    fx, fy = x - column, y - row
+    right = 3 if column + 1 < width else 0
+    below = 3 * width if row + 1 < height else 0
+    at = offset + 3 * (row * width + column)
+    for c in range(3):
+        top = (1 - fx) * atlas[at + c] + fx * atlas[at + right + c]
+        bottom = (1 - fx) * atlas[at + below + c] + fx * atlas[at + below + right + c]
+        rgb[c] += weight * ((1 - fy) * top + fy * bottom)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def render_rows(
+    rows: tuple[int, int],
+    rays: Array,
+    T_world_row: Array,
+    pixel_rad: float,
+    scene: tuple,
+    color: NDArray[np.float32],
+    depth: NDArray[np.float32],
+    cosine: NDArray[np.float32],
+    hit: NDArray[np.int16],
+) -> None:
+    """Fill rows [first, last) of the images from (h, w, 3) camera rays with z = 1 and one camera pose a row (h, 4, 4).
+
+    `scene` is `Scene.arrays()`. color (h, w, 3): 0 to 255; depth (h, w): metres along the optical axis; cosine (h, w):
+    of the angle between ray and surface normal; hit (h, w): number of the box, boxes + number of the sphere, NOTHING.
+    """
+    T_box_world, half, within, box_texture, sphere, sphere_texture, table, texel_per_m, atlas, light = scene
+    boxes, levels = len(half), table.shape[1]
+    T = np.empty((boxes, 3, 4))
+    d, n, rgb = np.empty(3), np.empty(3), np.empty(3)
+    for v in range(rows[0], rows[1]):
+        W = T_world_row[v]
+        for k in range(boxes):
+            for r in range(3):
+                for c in range(4):
+                    total = T_box_world[k, r, 3] if c == 3 else 0.0
+                    for i in range(3):
+                        total += T_box_world[k, r, i] * W[i, c]
+                    T[k, r, c] = total
+        for u in range(rays.shape[1]):
+            ray = rays[v, u]
+            length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
+            best, what, best_axis, best_side = 1e30, NOTHING, 0, 0
+            for k in range(boxes):
+                for r in range(3):
+                    d[r] = T[k, r, 0] * ray[0] + T[k, r, 1] * ray[1] + T[k, r, 2] * ray[2]
+                t, axis, side = _hit_box(T[k, :, 3], d, half[k], within[k])
+                if t < best:
+                    best, what, best_axis, best_side = t, k, axis, side
+            for r in range(3):
+                d[r] = W[r, 0] * ray[0] + W[r, 1] * ray[1] + W[r, 2] * ray[2]
+            for k in range(len(sphere)):
+                b, c = 0.0, -(sphere[k, 3] ** 2)
+                for r in range(3):
+                    e = W[r, 3] - sphere[k, r]
+                    b += e * d[r]
+                    c += e * e
+                root = b * b - length * length * c
+                if root > 0:
+                    t = (-b - math.sqrt(root)) / (length * length)
+                    if MIN_HIT_M < t < best:
+                        best, what = t, boxes + k
+            hit[v, u] = what
+            depth[v, u] = 0.0
+            cosine[v, u] = 0.0
+            color[v, u] = 0.0
+            if what == NOTHING:
+                continue
+            if what < boxes:
+                p = np.empty(3)
+                for r in range(3):
+                    p[r] = T[what, r, 3] + best * (
+                        T[what, r, 0] * ray[0] + T[what, r, 1] * ray[1] + T[what, r, 2] * ray[2]
+                    )
+                    n[r] = T_box_world[what, best_axis, r] * (1.0 if best_side else -1.0)
+                if within[what]:
+                    n *= -1.0
+                h = half[what]
+                seen = 1.0 if (best_side == 1) != within[what] else -1.0  # text reads from left to right
+                if best_axis == 0:
+                    x, y = h[1] + seen * p[1], h[2] - p[2]
+                elif best_axis == 1:
+                    x, y = h[0] - seen * p[0], h[2] - p[2]
+                else:
+                    x, y = h[0] + p[0], h[1] - seen * p[1]
+                number = box_texture[what, 2 * best_axis + best_side]
+            else:
+                k = what - boxes
+                for r in range(3):
+                    n[r] = (W[r, 3] + best * d[r] - sphere[k, r]) / sphere[k, 3]
+                number = sphere_texture[k]
+                x = (math.atan2(n[1], n[0]) + math.pi) * sphere[k, 3]
+                y = math.acos(max(min(n[2], 1.0), -1.0)) * sphere[k, 3]
+            facing = abs(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) / length
+            depth[v, u] = best
+            cosine[v, u] = facing
+            density = texel_per_m[number]
+            footprint = density * pixel_rad * best * length / math.sqrt(max(facing, 0.05))
+            level = min(max(math.log2(max(footprint, 1e-6)), 0.0), levels - 1.001)
+            low = int(level)
+            rgb[:] = 0.0
+            _add_texel(atlas, table[number, low], 1.0 / (1 << low), x * density, y * density, 1 - (level - low), rgb)
+            _add_texel(atlas, table[number, low + 1], 0.5 / (1 << low), x * density, y * density, level - low, rgb)
+            shade = 0.78 + 0.22 * (n[0] * light[0] + n[1] * light[1] + n[2] * light[2])
+            for c in range(3):
+                color[v, u, c] = shade * rgb[c]
+
+
+def render(
+    rays: Array, T_world_row: Array, pixel_rad: float, scene: tuple
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int16]]:
+    """Render one image; see `render_rows`. Bands of rows run in two threads."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    h, w = rays.shape[:2]
+    images = (
+        np.empty((h, w, 3), np.float32),
+        np.empty((h, w), np.float32),
+        np.empty((h, w), np.float32),
+        np.empty((h, w), np.int16),
+    )
+    bands = [(first, min(first + 32, h)) for first in range(0, h, 32)]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda rows: render_rows(rows, rays, T_world_row, pixel_rad, scene, *images), bands))
+    return images
