@@ -1,45 +1,118 @@
 """Weighted least squares over differences on a graph: the one linear problem of motion averaging.
 
 Rotations (in the tangent space) and translations both ask for vectors x with x_i - x_j = d_ij on every edge (i, j).
-The normal equations are L x = A' W d with the graph's Laplacian L = A' W A, the same for every coordinate.
+The normal equations are L x = A' W d with the graph's Laplacian L = A' W A, the same for the three coordinates.
 The gauge: x of the first scan is zero.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from miniloop_cli.averaging.graph import Floats, Ints
+from miniloop_cli.averaging.elimination import apply, eliminate
+from miniloop_cli.averaging.graph import Floats, Ints, adjacency
 
-DENSE_SCANS = 600
-"""Up to here a dense Cholesky factorisation is fastest."""
+DENSE_SCANS = 300
+"""Up to here a dense Cholesky factorisation is fast enough, and nothing need be compiled."""
+
+CG_STEPS = 300
 
 
-def solve_differences(count: int, pairs: Ints, weights: Floats, d: Floats) -> Floats:
-    """x (count, k) with x[0] = 0 that minimises sum of w_e |x_i - x_j - d_e|^2 over the edges of a connected graph.
+class Differences:
+    """The problem on one connected graph of `count` scans and edges `pairs` (m, 2), for many weights and d."""
 
-    `pairs` (m, 2), `weights` (m,) positive where an edge counts, `d` (m, k).
-    """
-    i, j = pairs.T
-    x = np.zeros((count, d.shape[1]))
-    if count < 2:
-        return x
-    wd = weights[:, None] * d
-    b = np.stack([np.bincount(i, c, count) - np.bincount(j, c, count) for c in wd.T], axis=1)[1:]
-    degree = np.bincount(i, weights, count) + np.bincount(j, weights, count)
-    if count <= DENSE_SCANS:
+    def __init__(self, count: int, pairs: Ints) -> None:
+        self.count, self.pairs = count, pairs
+        if count > DENSE_SCANS:
+            self.start, self.neighbour, self.edge = adjacency(count, pairs)
+            self.uniform = np.random.default_rng(0).random(99991)
+
+    def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
+        """x (n, 3), x[0] = 0, that minimises sum of w_e |x_i - x_j - d_e|^2.
+
+        `weights` (m,) positive, `d` (m, 3). Large graphs: conjugate gradients, stopped when the error in the energy
+        norm has fallen by about `tolerance`.
+        """
+        i, j = self.pairs.T
+        wd = weights * d.T
+        b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
+        degree = np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count)
+        x = self._dense(weights, degree, b) if self.count <= DENSE_SCANS else self._cg(weights, degree, b, tolerance)
+        return x - x[0]
+
+    def _dense(self, weights: Floats, degree: Floats, b: Floats) -> Floats:
         from scipy.linalg import cho_factor, cho_solve
 
-        L = -np.bincount(i * count + j, weights, count * count).reshape(count, count)
-        L += L.T
-        L[np.diag_indices(count)] = degree
-        x[1:] = cho_solve(cho_factor(L[1:, 1:], overwrite_a=True, check_finite=False), b, check_finite=False)
+        n, x = self.count, np.zeros((self.count, 3))
+        if n > 1:
+            L = -np.bincount(self.pairs @ [n, 1], weights, n * n).reshape(n, n)
+            L += L.T
+            L[np.diag_indices(n)] = degree
+            x[1:] = cho_solve(cho_factor(L[1:, 1:], check_finite=False), b[1:], check_finite=False)
         return x
-    from scipy.sparse import coo_array, diags_array
-    from scipy.sparse.linalg import splu
 
-    upper = coo_array((weights, (i, j)), shape=(count, count)).tocsc()
-    L = (diags_array(degree) - upper - upper.T).tocsc()[1:, 1:]
-    factor = splu(L, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    x[1:] = factor.solve(b)
+    def _cg(self, weights: Floats, degree: Floats, b: Floats, tolerance: float) -> Floats:
+        factor = eliminate(self.count, self.pairs, weights, self.uniform)
+        rows = self.start, self.neighbour, weights[self.edge]
+        return conjugate_gradients(*rows, degree, *factor, b, tolerance, CG_STEPS)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def conjugate_gradients(
+    first: Ints,
+    neighbour: Ints,
+    weight: Floats,
+    degree: Floats,
+    order: Ints,
+    start: Ints,
+    row: Ints,
+    value: Floats,
+    D: Floats,
+    b: Floats,
+    tolerance: float,
+    most: int,
+) -> Floats:
+    """x (n, 3) with Laplacian x = b, each column on its own, preconditioned by the factor (order .. D)."""
+    n = len(b)
+    x, r, z, Lp, room = np.zeros((n, 3)), b.copy(), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    alpha, rz, new = np.zeros(3), np.zeros(3), np.empty(3)
+    apply(order, start, row, value, D, r, z, room)
+    p = z.copy()
+    for v in range(n):
+        for c in range(3):
+            rz[c] += r[v, c] * z[v, c]
+    enough = tolerance * tolerance * rz
+    for _ in range(most):
+        if (rz <= enough).all():
+            break
+        alpha[:] = 0.0
+        for v in range(n):
+            s0, s1, s2 = degree[v] * p[v, 0], degree[v] * p[v, 1], degree[v] * p[v, 2]
+            for a in range(first[v], first[v + 1]):
+                u, w = neighbour[a], weight[a]
+                s0 -= w * p[u, 0]
+                s1 -= w * p[u, 1]
+                s2 -= w * p[u, 2]
+            Lp[v, 0], Lp[v, 1], Lp[v, 2] = s0, s1, s2
+            alpha[0] += p[v, 0] * s0
+            alpha[1] += p[v, 1] * s1
+            alpha[2] += p[v, 2] * s2
+        for c in range(3):
+            alpha[c] = rz[c] / alpha[c] if alpha[c] > 0 and rz[c] > enough[c] else 0.0
+        for v in range(n):
+            for c in range(3):
+                x[v, c] += alpha[c] * p[v, c]
+                r[v, c] -= alpha[c] * Lp[v, c]
+        apply(order, start, row, value, D, r, z, room)
+        new[:] = 0.0
+        for v in range(n):
+            for c in range(3):
+                new[c] += r[v, c] * z[v, c]
+        for c in range(3):
+            alpha[c] = new[c] / rz[c] if rz[c] > 0 else 0.0
+            rz[c] = new[c]
+        for v in range(n):
+            for c in range(3):
+                p[v, c] = z[v, c] + alpha[c] * p[v, c]
     return x

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging import kernels
 from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import solve_differences
+from miniloop_cli.averaging.linear import Differences
 from miniloop_cli.averaging.spanning import loop_errors, tree_start
 
 
@@ -67,25 +67,26 @@ def average_rotations(
     q = tree_start(count, edges, q_j_i, trust)
     scale = np.radians(scale_deg)
     tolerance = np.radians(tolerance_deg)
+    system = Differences(count, edges)
     step, iterations = 0.0 if count < 2 else np.inf, 0
     smoothing = 8 * scale
     for _ in range(l1_iterations):
         r = kernels.residuals(q, edges, q_j_i)
-        step = _advance(q, edges, trust / np.hypot(np.linalg.norm(r, axis=1), smoothing), r)
+        step = _advance(q, system, trust / np.hypot(np.linalg.norm(r, axis=1), smoothing), r)
         smoothing = max(smoothing / 2, scale / 8)
         iterations += 1
     for _ in range(irls_iterations):
         r = kernels.residuals(q, edges, q_j_i)
-        step = _advance(q, edges, w / (1 + (r * r).sum(1) / scale**2) ** 2, r)
+        step = _advance(q, system, w / (1 + (r * r).sum(1) / scale**2) ** 2, r)
         iterations += 1
         if step < tolerance:
             break
     return _result(q, pairs, q_all, step < tolerance, iterations)
 
 
-def _advance(q: Floats, pairs: Ints, weights: Floats, r: Floats) -> float:
+def _advance(q: Floats, system: Differences, weights: Floats, r: Floats) -> float:
     """One Gauss-Newton step in place; returns the largest increment, rad."""
-    x = solve_differences(len(q), pairs, weights, r)
+    x = system.solve(weights, r)
     kernels.update(q, x)
     return float(np.sqrt((x * x).sum(1).max(initial=0.0)))
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.graph import Floats, GraphError, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import solve_differences
+from miniloop_cli.averaging.linear import Differences
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ def average_translations(
     d = d_all[used]
 
     t = np.zeros((count, 3))
-    iterations, step = 0, np.inf
+    system, iterations, step = Differences(count, edges), 0, np.inf
     if not robust:
-        t, iterations, step = solve_differences(count, edges, w, d), 1, 0.0
+        t, iterations, step = system.solve(w, d), 1, 0.0
     else:
         smoothing = np.inf
         for k in range(l1_iterations + reweights):
@@ -75,7 +75,7 @@ def average_translations(
                 factor = smoothing / np.hypot(distance, smoothing)
             else:
                 factor = 1 / (1 + (distance / scale_m) ** 2)
-            before, t = t, solve_differences(count, edges, w * factor, d)
+            before, t = t, system.solve(w * factor, d)
             step = np.linalg.norm(t - before, axis=1).max(initial=0.0)
             iterations += 1
             if k > l1_iterations and step < tolerance_m:

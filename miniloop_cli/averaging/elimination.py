@@ -1,0 +1,171 @@
+"""A preconditioner for graph Laplacians of any shape and weights: Gaussian elimination with sampled fill.
+
+Eliminating a scan v with neighbours of weights w_1 <= .. <= w_k (sum W) exactly would join each two of them by an
+edge w_a w_b / W: a clique, whence fill. Instead each neighbour a < k gets one edge, of weight w_a s_a / W with
+s_a = w_{a+1} + .. + w_k, to a neighbour b > a drawn with probability w_b / s_a: right on average, a tree in place of
+the clique, so that edges never become more.
+Gao, Kyng & Spielman, "Robust and practical solution of Laplacian equations by approximate elimination", 2023.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.averaging.graph import Floats, Ints
+
+Factor = tuple[Ints, Ints, Ints, Floats, Floats]
+"""`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (positions in `order`), `value`; `D` (n,)."""
+
+
+@njit(cache=True, nogil=True)
+def _move(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
+    """Take scan v from its bucket and put it in front of bucket `degree` (none for a negative one)."""
+    if bucket[v] >= 0:
+        if before[v] >= 0:
+            after[before[v]] = after[v]
+        else:
+            first[bucket[v]] = after[v]
+        if after[v] >= 0:
+            before[after[v]] = before[v]
+    bucket[v] = degree
+    if degree >= 0:
+        before[v], after[v] = -1, first[degree]
+        if first[degree] >= 0:
+            before[first[degree]] = v
+        first[degree] = v
+
+
+@njit(cache=True, nogil=True)
+def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Factor:
+    """Approximate L D L' of the Laplacian with positive `weights`, scans of few edges first; D = 0 for the last one.
+
+    `uniform`: random numbers in [0, 1), taken in turn, again from the first when they run out.
+    """
+    m = len(pairs)
+    # Half-edge 2e lies in the list of pairs[e, 0] and leads to pairs[e, 1]; 2e + 1 the other way. -1: gone.
+    to, value = np.empty(2 * m, dtype=np.int64), np.empty(2 * m)
+    following, head = np.empty(2 * m, dtype=np.int64), np.full(count, -1)
+    degree = np.zeros(count, dtype=np.int64)
+    for h in range(2 * m):
+        v = pairs[h >> 1, h & 1]
+        to[h], value[h], following[h] = pairs[h >> 1, 1 - (h & 1)], weights[h >> 1], head[v]
+        head[v] = h
+        degree[v] += 1
+    buckets = min(count, 2 * m) + 1
+    first, bucket = np.full(buckets, -1), np.full(count, -1)
+    after, before = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    for v in range(count):
+        _move(v, min(degree[v], buckets - 1), first, after, before, bucket)
+
+    order, position = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    start, D = np.zeros(count + 1, dtype=np.int64), np.zeros(count)
+    row, entry = np.empty(4 * m + count, dtype=np.int64), np.empty(4 * m + count)
+    mark = np.full(count, -1)
+    near = np.empty(count, dtype=np.int64)
+    suffix = np.empty(count + 1)
+    lowest = drawn = 0
+    for step in range(count):
+        while first[lowest] < 0:
+            lowest += 1
+        v = first[lowest]
+        _move(v, -1, first, after, before, bucket)
+        order[step], position[v] = v, step
+        k = 0
+        h = head[v]
+        while h >= 0:
+            u, ahead = to[h], following[h]
+            if u >= 0:
+                if mark[u] >= 0:
+                    value[mark[u]] += value[h]
+                    to[h ^ 1] = -1
+                    degree[u] -= 1
+                else:
+                    mark[u] = h
+                    near[k] = h
+                    k += 1
+            h = ahead
+        gap = 1
+        while 3 * gap < k:
+            gap = 3 * gap + 1
+        while gap > 0:  # Shell's sort, lightest first
+            for a in range(gap, k):
+                h, b = near[a], a
+                while b >= gap and value[near[b - gap]] > value[h]:
+                    near[b] = near[b - gap]
+                    b -= gap
+                near[b] = h
+            gap //= 3
+        suffix[k] = 0.0
+        for a in range(k - 1, -1, -1):
+            suffix[a] = suffix[a + 1] + value[near[a]]
+        D[step] = suffix[0]
+        at = start[step]
+        start[step + 1] = at + k
+        if at + k > len(row):
+            more_row, more_entry = np.empty(2 * (at + k), dtype=np.int64), np.empty(2 * (at + k))
+            more_row[:at], more_entry[:at] = row[:at], entry[:at]
+            row, entry = more_row, more_entry
+        for a in range(k):
+            row[at + a], entry[at + a] = to[near[a]], value[near[a]] / suffix[0]
+            mark[to[near[a]]] = -1
+        for a in range(k - 1):
+            h = near[a]
+            u = to[h]
+            draw = uniform[drawn] * suffix[a + 1]
+            drawn = (drawn + 1) % len(uniform)
+            low, high = a + 1, k - 1
+            while low < high:
+                middle = (low + high + 1) // 2
+                if suffix[middle] >= draw:
+                    low = middle
+                else:
+                    high = middle - 1
+            other = row[at + low]
+            # The half-edge that led from u to v now leads to `other`; the one from v to u joins the list of `other`.
+            to[h ^ 1] = other
+            value[h] = value[h ^ 1] = value[h] * suffix[a + 1] / suffix[0]
+            following[h] = head[other]
+            head[other] = h
+            degree[other] += 1
+        if k > 0:
+            u = to[near[k - 1]]
+            to[near[k - 1] ^ 1] = -1
+            degree[u] -= 1
+        for a in range(k):
+            u = row[at + a]
+            d = min(degree[u], buckets - 1)
+            if d != bucket[u]:
+                _move(u, d, first, after, before, bucket)
+                lowest = min(lowest, d)
+    total = start[count]
+    for a in range(total):
+        row[a] = position[row[a]]
+    return order, start, row[:total].copy(), entry[:total].copy(), D
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats, y: Floats) -> None:
+    """z = inverse of L D L' times r, both (n, 3), up to a constant; `y` (n, 3) is room to work in."""
+    n = len(order)
+    for c in range(n):
+        v = order[c]
+        y[c, 0], y[c, 1], y[c, 2] = r[v, 0], r[v, 1], r[v, 2]
+    for c in range(n):
+        y0, y1, y2 = y[c, 0], y[c, 1], y[c, 2]
+        for a in range(start[c], start[c + 1]):
+            u, f = row[a], value[a]
+            y[u, 0] += f * y0
+            y[u, 1] += f * y1
+            y[u, 2] += f * y2
+    for c in range(n - 1, -1, -1):
+        s = 1 / D[c] if D[c] > 0 else 0.0
+        y0, y1, y2 = s * y[c, 0], s * y[c, 1], s * y[c, 2]
+        for a in range(start[c], start[c + 1]):
+            u, f = row[a], value[a]
+            y0 += f * y[u, 0]
+            y1 += f * y[u, 1]
+            y2 += f * y[u, 2]
+        y[c, 0], y[c, 1], y[c, 2] = y0, y1, y2
+        v = order[c]
+        z[v, 0], z[v, 1], z[v, 2] = y0, y1, y2
