@@ -40,7 +40,9 @@ def _words(bits: NDArray[np.uint8]) -> NDArray[np.uint64]:
 
 
 @njit(cache=True, nogil=True, fastmath=MATH, inline="always")
-def _top2(d, column, lane1, lane2):  # type: ignore[no-untyped-def]
+def _top2(
+    d: NDArray[np.float32], column: NDArray[np.float32], lane1: NDArray[np.float32], lane2: NDArray[np.float32]
+) -> tuple[np.float32, np.float32]:
     """Best and second-best of the distances d (m,); column (m,) takes their minimum with what it holds."""
     m = d.shape[0]
     whole = m - m % LANES
@@ -54,7 +56,7 @@ def _top2(d, column, lane1, lane2):  # type: ignore[no-untyped-def]
             lane1[k] = min(lane1[k], x)
     best, second = FAR, FAR
     for k in range(LANES):
-        second = min(max(best, lane1[k]), min(second, lane2[k]))
+        second = min(max(best, lane1[k]), second, lane2[k])
         best = min(best, lane1[k])
     for j in range(whole, m):
         x = d[j]
@@ -65,7 +67,7 @@ def _top2(d, column, lane1, lane2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=MATH, inline="always")
-def _mutual(d, best, column):  # type: ignore[no-untyped-def]
+def _mutual(d: NDArray[np.float32], best: np.float32, column: NDArray[np.float32]) -> int:
     """The column whose distance is the row's best and its own best, taken once; -1 if there is none."""
     for j in range(d.shape[0]):
         if d[j] <= best:
@@ -77,7 +79,9 @@ def _mutual(d, best, column):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _match_products(products, norms_a, norms_b, ratio2):  # type: ignore[no-untyped-def]
+def _match_products(
+    products: NDArray[np.float32], norms_a: NDArray[np.float32], norms_b: NDArray[np.float32], ratio2: np.float32
+) -> NDArray[np.int64]:
     """products (n, m) float32 = -2 a b^T, squared norms (n,), (m,) float32 -> (k, 2) int64."""
     n, m = products.shape
     best, second = np.empty(n, np.float32), np.empty(n, np.float32)
@@ -99,7 +103,7 @@ def _match_products(products, norms_a, norms_b, ratio2):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _popcount(x):  # type: ignore[no-untyped-def]
+def _popcount(x: np.uint64) -> np.uint64:
     """Set bits of a uint64; the compiler knows this idiom and emits the machine's own instruction."""
     x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
     x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
@@ -108,7 +112,7 @@ def _popcount(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _hamming_row(a, b, d):  # type: ignore[no-untyped-def]
+def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: NDArray[np.float32]) -> None:
     """Distances d (m,) float32 of the words a (w,) to the columns of b (w, m)."""
     d[:] = np.float32(0)
     for w in range(a.shape[0]):
@@ -117,7 +121,7 @@ def _hamming_row(a, b, d):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _match_bits(a, b, ratio):  # type: ignore[no-untyped-def]
+def _match_bits(a: NDArray[np.uint64], b: NDArray[np.uint64], ratio: np.float32) -> NDArray[np.int64]:
     """a (n, w), b (w, m) uint64 -> (k, 2) int64."""
     n, m = a.shape[0], b.shape[1]
     best, second, d = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(m, np.float32)

@@ -1,9 +1,10 @@
-"""From matches to verified relative poses: solve the cycles of the graph, fall back to shorter ones, judge each edge."""
+"""From matches to verified relative poses: solve the cycles of the graph, fall back to shorter ones, judge the edges."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,7 @@ def _solve_cycle(
     number: int, cycle: Cycle, matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int
 ) -> list[Edge]:
     cycle = _weakest_last(cycle, matches)
-    chain = list(zip(cycle, cycle[1:], strict=False)) + ([(cycle[0], cycle[-1])] if len(cycle) > 2 else [])
+    chain = list(pairwise(cycle)) + ([(cycle[0], cycle[-1])] if len(cycle) > 2 else [])
     inputs = [_directed(points, pair, matches) for pair in chain]
     rng = np.random.default_rng([seed, len(cycle), *cycle])
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 TRIES = 64  # draws before an edge is given up for this hypothesis
 
 
 @njit(cache=True, nogil=True)
-def spread_m(P, first, last):  # type: ignore[no-untyped-def]
+def spread_m(P: Floats, first: int, last: int) -> float:
     """Root mean square distance of the points P[:, first:last] from their mean."""
     count = last - first
     total = 0.0
@@ -29,7 +33,7 @@ def spread_m(P, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _consistent(P, Q, a, b, tolerance, min_baseline):  # type: ignore[no-untyped-def]
+def _consistent(P: Floats, Q: Floats, a: int, b: int, tolerance: Floats, min_baseline: float) -> bool:
     dp = np.sqrt((P[0, a] - P[0, b]) ** 2 + (P[1, a] - P[1, b]) ** 2 + (P[2, a] - P[2, b]) ** 2)
     dq = np.sqrt((Q[0, a] - Q[0, b]) ** 2 + (Q[1, a] - Q[1, b]) ** 2 + (Q[2, a] - Q[2, b]) ** 2)
     # A short baseline is a bad axis: it turns a small displacement into a large angle.
@@ -37,7 +41,17 @@ def _consistent(P, Q, a, b, tolerance, min_baseline):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
-def draw(P, Q, tolerance, first, last, size, min_baseline, rng, sample):  # type: ignore[no-untyped-def]
+def draw(
+    P: Floats,
+    Q: Floats,
+    tolerance: Floats,
+    first: int,
+    last: int,
+    size: int,
+    min_baseline: float,
+    rng: np.random.Generator,
+    sample: Ints,
+) -> int:
     """Draw `size` (1 to 3) mutually consistent matches from [first, last) into sample[:size].
 
     P, Q (3, N) metres, tolerance (N,) metres a match. Returns the number of draws it took, or 0 if none was found.

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from miniloop_cli.ransac.sampling import draw, spread_m
 from miniloop_cli.ransac.system import compose, gauss_newton
 from miniloop_cli.solvers import cycle3, cycle4, cycle5, pairwise
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win
 MATH = {"nnan", "ninf", "nsz", "arcp", "contract", "reassoc"}
@@ -15,7 +19,9 @@ PAIR, CYCLE3, CYCLE4, CYCLE5 = 2, 3, 4, 5  # solver numbers: scans of the cycle
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def score(T, P, Q, inverse_gate2, first, last, soft, bound):  # type: ignore[no-untyped-def]
+def score(
+    T: Floats, P: Floats, Q: Floats, inverse_gate2: Floats, first: int, last: int, soft: float, bound: float
+) -> float:
     """Truncated cost of the matches [first, last) under the pose T (3, 4); stops once it exceeds `bound`.
 
     A match costs min(|T p - q|^2 / gate^2, 1) where soft = 1 (MSAC), and 0 or 1 where soft = 0 (counting).
@@ -40,7 +46,9 @@ def score(T, P, Q, inverse_gate2, first, last, soft, bound):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def score_cycle(T, P, Q, inverse_gate2, start, soft, bound):  # type: ignore[no-untyped-def]
+def score_cycle(
+    T: Floats, P: Floats, Q: Floats, inverse_gate2: Floats, start: Ints, soft: float, bound: float
+) -> float:
     """Cost of all edges, the closing edge (scored first: only it sees the whole chain) through the composed poses."""
     chain = T.shape[0]
     total = 0.0
@@ -53,7 +61,7 @@ def score_cycle(T, P, Q, inverse_gate2, start, soft, bound):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def solve(kind, p, q, T):  # type: ignore[no-untyped-def]
+def solve(kind: int, p: Floats, q: Floats, T: Floats) -> int:
     """The minimal solver of this kind: (k, 3) matches to T (solutions, n-1, 3, 4); returns the number of solutions."""
     if kind == PAIR:
         return pairwise.solve(p, q, T)
@@ -65,7 +73,9 @@ def solve(kind, p, q, T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _all_inlier_share(T, P, Q, inverse_gate2, start, sizes, acceptance):  # type: ignore[no-untyped-def]
+def _all_inlier_share(
+    T: Floats, P: Floats, Q: Floats, inverse_gate2: Floats, start: Ints, sizes: Ints, acceptance: Floats
+) -> float:
     """Probability that a consistent sample is all inliers, from the inliers of T and the share of draws accepted."""
     chain = T.shape[0]
     share = 1.0
@@ -81,24 +91,24 @@ def _all_inlier_share(T, P, Q, inverse_gate2, start, sizes, acceptance):  # type
 
 
 @njit(cache=True, nogil=True)
-def search(  # type: ignore[no-untyped-def]
-    kind,
-    solutions,
-    P,
-    Q,
-    CP,
-    CQ,
-    start,
-    sizes,
-    inverse_gate2,
-    soft,
-    upright,
-    iterations,
-    confidence,
-    refine,
-    rng,
-    edge_H,
-):
+def search(
+    kind: int,
+    solutions: int,
+    P: Floats,
+    Q: Floats,
+    CP: Floats,
+    CQ: Floats,
+    start: Ints,
+    sizes: Ints,
+    inverse_gate2: Floats,
+    soft: float,
+    upright: bool,
+    iterations: int,
+    confidence: float,
+    refine: int,
+    rng: np.random.Generator,
+    edge_H: Floats,
+) -> tuple[bool, Floats, float, int]:
     """Best poses of a cycle; returns (found, T (n-1, 3, 4), cost, hypotheses tried).
 
     P, Q (3, N) points (m) and CP, CQ (6, N) covariances, matches of edge e in [start[e], start[e + 1]), the closing

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from miniloop_cli.ransac.system import adjoint, compose, cycle_system, gauss_newton
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of both fits
 STEPS = 8
 
 
 @njit(cache=True, nogil=True)
-def mahalanobis2(T, P, Q, CP, CQ, first, last, out):  # type: ignore[no-untyped-def]
+def mahalanobis2(T: Floats, P: Floats, Q: Floats, CP: Floats, CQ: Floats, first: int, last: int, out: Floats) -> None:
     """out[first:last] = r^T S^-1 r of each match, r = T p - q, S = CQ + R CP R^T; infinite where S is singular."""
     R, S, C = np.ascontiguousarray(T[:, :3]), np.empty((3, 3)), np.empty((3, 3))
     for k in range(first, last):
@@ -52,7 +56,9 @@ def mahalanobis2(T, P, Q, CP, CQ, first, last, out):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def settle(T, P, Q, CP, CQ, start, gate2, chi2_gate, upright):  # type: ignore[no-untyped-def]
+def settle(
+    T: Floats, P: Floats, Q: Floats, CP: Floats, CQ: Floats, start: Ints, gate2: float, chi2_gate: float, upright: bool
+) -> tuple[bool, Floats, Floats, Floats]:
     """Robust joint refinement of T (n-1, 3, 4), in place, and what each edge's matches say to it.
 
     Returns (sound, chi2 (N,), information (edges, 6, 6) of each edge from its own inliers, covariance (edges, 6, 6)

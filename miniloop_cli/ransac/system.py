@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 MATH = {"nnan", "ninf", "nsz", "arcp", "contract", "reassoc"}
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def compose(T):  # type: ignore[no-untyped-def]
+def compose(T: Floats) -> Floats:
     """Product T[n-2] ... T[0] of (n-1, 3, 4) poses: (3, 4)."""
     C = T[0].copy()
     for e in range(1, T.shape[0]):
@@ -28,7 +32,20 @@ def compose(T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def edge_system(T, P, Q, CP, CQ, first, last, inflation2, gate2, c2, H, g):  # type: ignore[no-untyped-def]
+def edge_system(
+    T: Floats,
+    P: Floats,
+    Q: Floats,
+    CP: Floats,
+    CQ: Floats,
+    first: int,
+    last: int,
+    inflation2: float,
+    gate2: float,
+    c2: float,
+    H: Floats,
+    g: Floats,
+) -> float:
     """Normal equations of one edge; returns the robust cost.
 
     T (3, 4); P, Q (3, N) points (m); CP, CQ (6, N) their covariances xx xy xz yy yz zz (m^2); matches [first, last).
@@ -126,7 +143,7 @@ def edge_system(T, P, Q, CP, CQ, first, last, inflation2, gate2, c2, H, g):  # t
 
 
 @njit(cache=True, nogil=True)
-def adjoint(T, A):  # type: ignore[no-untyped-def]
+def adjoint(T: Floats, A: Floats) -> None:
     """A (6, 6) with xi_after = A xi_before: carries a perturbation through a later pose T (3, 4)."""
     A[:, :] = 0.0
     for j in range(3):
@@ -139,7 +156,7 @@ def adjoint(T, A):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def perturb(T, xi):  # type: ignore[no-untyped-def]
+def perturb(T: Floats, xi: Floats) -> None:
     """T (3, 4) <- [exp(w) | v] T, in place."""
     w0, w1, w2 = xi[0], xi[1], xi[2]
     angle2 = w0 * w0 + w1 * w1 + w2 * w2
@@ -159,7 +176,7 @@ def perturb(T, xi):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def cholesky_solve(A, b):  # type: ignore[no-untyped-def]
+def cholesky_solve(A: Floats, b: Floats) -> bool:
     """Solve the symmetric positive definite A x = b; A and b are overwritten, b by x. False if A is singular."""
     n = A.shape[0]
     for j in range(n):
@@ -190,7 +207,21 @@ def cholesky_solve(A, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def cycle_system(T, P, Q, CP, CQ, start, inflation2, gate2, c2, upright, H, g, edge_H):  # type: ignore[no-untyped-def]
+def cycle_system(
+    T: Floats,
+    P: Floats,
+    Q: Floats,
+    CP: Floats,
+    CQ: Floats,
+    start: Ints,
+    inflation2: float,
+    gate2: float,
+    c2: float,
+    upright: bool,
+    H: Floats,
+    g: Floats,
+    edge_H: Floats,
+) -> float:
     """Normal equations H (6(n-1),)^2, g of a whole cycle; edge_H (edges, 6, 6) those of each edge; returns the cost.
 
     start (edges + 1,): the matches of edge e are [start[e], start[e + 1]); with more than one edge the last is the
@@ -240,7 +271,20 @@ def cycle_system(T, P, Q, CP, CQ, start, inflation2, gate2, c2, upright, H, g, e
 
 
 @njit(cache=True, nogil=True)
-def gauss_newton(T, P, Q, CP, CQ, start, inflation2, gate2, c2, upright, iterations, edge_H):  # type: ignore[no-untyped-def]
+def gauss_newton(
+    T: Floats,
+    P: Floats,
+    Q: Floats,
+    CP: Floats,
+    CQ: Floats,
+    start: Ints,
+    inflation2: float,
+    gate2: float,
+    c2: float,
+    upright: bool,
+    iterations: int,
+    edge_H: Floats,
+) -> bool:
     """Refine T (n-1, 3, 4) in place; edge_H (edges, 6, 6) receives each edge's own information. False if singular."""
     size = 6 * T.shape[0]
     H, g = np.empty((size, size)), np.empty(size)
