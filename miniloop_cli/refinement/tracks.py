@@ -37,7 +37,7 @@ def build_tracks(
 ) -> Tracks:
     """Chain matches into tracks that see every frame at most once.
 
-    feature_offsets: (n + 1,) ints, frame f owns the features offsets[f]..offsets[f + 1] - 1 when all are counted through.
+    feature_offsets: (n + 1,) ints, frame f owns the features offsets[f]..offsets[f + 1] - 1 counted over all frames.
     pairs: (m, 2) ints, the frames of each pair; matches: m arrays (k, 2) of feature numbers within those two frames.
     strength: m scalars or (k,) arrays, larger is joined earlier; by default the number of matches of the pair, since
     a pair with many inliers is rarely wrong. Ties keep the order given, so the result depends on nothing else.
@@ -60,13 +60,15 @@ def build_tracks(
     if strength is None:
         weight = np.repeat(counts.astype(float), counts)
     else:
-        weight = np.concatenate([np.broadcast_to(np.asarray(s, float), k) for s, k in zip(strength, counts, strict=True)])
+        weight = np.concatenate(
+            [np.broadcast_to(np.asarray(s, float), k) for s, k in zip(strength, counts, strict=True)]
+        )
     order = np.argsort(-weight, kind="stable")
     nodes = (ab + offsets[frames])[order]
     frame_of = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     root, dropped = _join(nodes[:, 0].copy(), nodes[:, 1].copy(), frame_of, len(offsets) - 1)
 
-    # Nodes are numbered by frame, then feature, so the smallest node of a track names it and a stable sort does the rest.
+    # Nodes are numbered by frame, then feature, so the smallest node of a track names it and a stable sort does it.
     size = np.bincount(root, minlength=len(root))
     kept = np.flatnonzero(size[root] >= max(min_frames, 2))
     _, first, track = np.unique(root[kept], return_index=True, return_inverse=True)
