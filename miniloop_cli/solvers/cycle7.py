@@ -1,0 +1,79 @@
+"""Seven scans, 2+2+2+2+2+2+3 matches: the inverse kinematics of a general 6R arm whose hand has a known pose.
+
+The three closing matches give C, scan 1 -> scan 7. With T_e = G^-1 L(a_e) H for the six edges of the chain, C = T6 ... T1 is
+
+    L(a6) K6 L(a5) K5 L(a4) K4 L(a3) K3 L(a2) K2 L(a1) (H1 C^-1 G6^-1) = I,   K_i = H_i G_{i-1}^-1.
+
+15 matches, 45 equations less the nine distances every rigid motion preserves, on 6 x 6 unknowns: at most 16 solutions
+and no equation left to rank them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.solvers import pairwise
+from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, axis_frame, write_edge
+from miniloop_cli.solvers.six_revolute import MAX_SOLUTIONS, set_link, solve_chain
+
+MATCHES = (2, 2, 2, 2, 2, 2, 3)
+
+
+@njit(**OPTIONS)
+def _seen_from_before(G: Motion, C: Array) -> Motion:
+    """The frame G C in scan 1, for a frame G in scan 7 and C (3, 4) from scan 1 to scan 7."""
+    x, y, z = G[9] - C[0, 3], G[10] - C[1, 3], G[11] - C[2, 3]
+    return (
+        G[0] * C[0, 0] + G[1] * C[1, 0] + G[2] * C[2, 0],
+        G[0] * C[0, 1] + G[1] * C[1, 1] + G[2] * C[2, 1],
+        G[0] * C[0, 2] + G[1] * C[1, 2] + G[2] * C[2, 2],
+        G[3] * C[0, 0] + G[4] * C[1, 0] + G[5] * C[2, 0],
+        G[3] * C[0, 1] + G[4] * C[1, 1] + G[5] * C[2, 1],
+        G[3] * C[0, 2] + G[4] * C[1, 2] + G[5] * C[2, 2],
+        G[6] * C[0, 0] + G[7] * C[1, 0] + G[8] * C[2, 0],
+        G[6] * C[0, 1] + G[7] * C[1, 1] + G[8] * C[2, 1],
+        G[6] * C[0, 2] + G[7] * C[1, 2] + G[8] * C[2, 2],
+        C[0, 0] * x + C[1, 0] * y + C[2, 0] * z,
+        C[0, 1] * x + C[1, 1] * y + C[2, 1] * z,
+        C[0, 2] * x + C[1, 2] * y + C[2, 2] * z,
+    )
+
+
+@njit(**OPTIONS)
+def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+    """Like `solve`; complex pairs within about `nearly_real` (rad) give the nearest real poses, 0: none."""
+    closing = np.empty((1, 1, 3, 4))
+    if pairwise.solve(p[12:], q[12:], closing) == 0:
+        return 0
+    K = np.empty((6, 3, 4))
+    H, good_h = axis_frame(p, 0)
+    G, good_g = axis_frame(q, 10)
+    good = good_h and good_g
+    set_link(K, 0, H, _seen_from_before(G, closing[0, 0]))
+    for e in range(1, 6):
+        H, good_h = axis_frame(p, 2 * e)
+        G, good_g = axis_frame(q, 2 * e - 2)
+        good = good and good_h and good_g
+        set_link(K, e, H, G)
+    if not good:
+        return 0
+    angles = np.empty((MAX_SOLUTIONS, 6))
+    count = solve_chain(K, nearly_real, angles)
+    for e in range(6):
+        H, _ = axis_frame(p, 2 * e)
+        G, _ = axis_frame(q, 2 * e)
+        for s in range(count):
+            write_edge(T, s, e, H, G, math.cos(angles[s, e]), math.sin(angles[s, e]))
+    return count
+
+
+@njit(**OPTIONS)
+def solve(p: Array, q: Array, T: Array) -> int:
+    """p, q (15, 3) matches of the edges 1-2 ... 6-7, two each, and three of 1-7; T (16, 6, 3, 4) receives 1 -> ... -> 7.
+
+    Returns the number of solutions, 0 to 16.
+    """
+    return solve_within(p, q, T, 0.0)
