@@ -20,24 +20,27 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Motion = tuple[float, ...]
+Point = tuple[float, float, float]
 # Sums may be reassociated, but NaN and infinity keep their meaning: degenerate samples are told by them.
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FAST}
 # A baseline shorter than this share of the coordinates is no axis: its direction would be rounding.
 SHORTEST_BASELINE = 1e-10
+# Below this a length is zero and gives no direction.
+TINY = 1e-150
 
 
 @njit(**OPTIONS)
-def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
-    """Frame of the axis through rows i and i+1 of (k, 3) points: origin in their midpoint, z towards row i+1.
+def frame_through(points: Array, i: int, j: int) -> tuple[Motion, bool]:
+    """Frame of the axis through rows i and j of (k, 3) points: origin in their midpoint, z towards row j.
 
     The second value is False if the points (nearly) coincide or are not finite. The basis is Duff et al.,
     "Building an orthonormal basis, revisited", JCGT 2017: no branch, no square root.
     """
-    x, y, z = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1], points[i + 1, 2] - points[i, 2]
+    x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     ox, oy, oz = points[i, 0] + 0.5 * x, points[i, 1] + 0.5 * y, points[i, 2] + 0.5 * z
     length = math.sqrt(x * x + y * y + z * z)
-    good = length > SHORTEST_BASELINE * (abs(ox) + abs(oy) + abs(oz))
+    good = TINY < length < math.inf and length > SHORTEST_BASELINE * (abs(ox) + abs(oy) + abs(oz))
     scale = 1.0 / length
     x, y, z = x * scale, y * scale, z * scale
     sign = math.copysign(1.0, z)
@@ -47,7 +50,13 @@ def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
 
 
 @njit(**OPTIONS)
-def aligned(frame: Motion, points: Array, i: int) -> tuple[float, float, float]:
+def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
+    """`frame_through` rows i and i+1: the two matches that an edge of a cycle gives."""
+    return frame_through(points, i, i + 1)
+
+
+@njit(**OPTIONS)
+def aligned(frame: Motion, points: Array, i: int) -> Point:
     """Coordinates in `frame` of row i of (k, 3) points."""
     x, y, z = points[i, 0] - frame[9], points[i, 1] - frame[10], points[i, 2] - frame[11]
     return (
@@ -78,14 +87,14 @@ def joint(H: Motion, G: Motion) -> Motion:
 
 
 @njit(**OPTIONS)
-def turned(K: Motion, row: int, p: tuple[float, float, float]) -> tuple[float, float, float]:
+def turned(K: Motion, row: int, p: Point) -> Point:
     """Coordinate `row` of K L(a) p as coefficients of (1, cos a, sin a)."""
     k0, k1, k2, t = K[3 * row], K[3 * row + 1], K[3 * row + 2], K[9 + row]
     return k2 * p[2] + t, k0 * p[0] + k1 * p[1], k1 * p[0] - k0 * p[1]
 
 
 @njit(**OPTIONS)
-def back_translation(K: Motion) -> tuple[float, float, float]:
+def back_translation(K: Motion) -> Point:
     """u = R^T t of K: |K x|^2 = |x|^2 + |t|^2 + 2 u.x, which makes norms linear in a cosine and a sine."""
     return (
         K[0] * K[9] + K[3] * K[10] + K[6] * K[11],
@@ -95,20 +104,20 @@ def back_translation(K: Motion) -> tuple[float, float, float]:
 
 
 @njit(**OPTIONS)
-def turned_norm(u: tuple[float, float, float], t2: float, p: tuple[float, float, float]) -> tuple[float, float, float]:
+def turned_norm(u: Point, t2: float, p: Point) -> Point:
     """Half of |K L(a) p|^2 as coefficients of (1, cos a, sin a); u = R^T t and t2 = |t|^2 of K."""
     half = 0.5 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + t2)
     return half + u[2] * p[2], u[0] * p[0] + u[1] * p[1], u[1] * p[0] - u[0] * p[1]
 
 
 @njit(**OPTIONS)
-def at(f: tuple[float, float, float], c: float, s: float) -> float:
+def at(f: Point, c: float, s: float) -> float:
     """Value of f, coefficients of (1, cos, sin), at an angle."""
     return f[0] + f[1] * c + f[2] * s
 
 
 @njit(**OPTIONS)
-def apply(K: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
+def apply(K: Motion, x: float, y: float, z: float) -> Point:
     """K (x, y, z)."""
     return (
         K[0] * x + K[1] * y + K[2] * z + K[9],
@@ -118,7 +127,7 @@ def apply(K: Motion, x: float, y: float, z: float) -> tuple[float, float, float]
 
 
 @njit(**OPTIONS)
-def unapply(K: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
+def unapply(K: Motion, x: float, y: float, z: float) -> Point:
     """K^-1 (x, y, z)."""
     x, y, z = x - K[9], y - K[10], z - K[11]
     return K[0] * x + K[3] * y + K[6] * z, K[1] * x + K[4] * y + K[7] * z, K[2] * x + K[5] * y + K[8] * z

@@ -23,6 +23,7 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
+    TINY,
     Array,
     aligned,
     at,
@@ -95,7 +96,7 @@ def solve(p: Array, q: Array, T: Array) -> int:
     x, y = at(turned(K2, 0, a), cos_a, sin_a), at(turned(K2, 1, a), cos_a, sin_a)
     c, s = x * b[0] + y * b[1], x * b[1] - y * b[0]
     norm = math.sqrt(c * c + s * s)
-    if not (found and norm > 1e-300):
+    if not (found and norm > TINY):
         return 0
     write_edge(T, 0, 0, H1, G2, cos_a, sin_a)
     write_edge(T, 0, 1, H2, G3, c / norm, s / norm)

@@ -22,6 +22,7 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
+    TINY,
     Array,
     aligned,
     apply,
@@ -88,7 +89,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         x, y, zv = apply(K3, cb * x - sb * y, sb * x + cb * y, zv)
         cg, sg = x * b[0] + y * b[1], x * b[1] - y * b[0]
         norm_g = math.sqrt(cg * cg + sg * sg)
-        if norm_b > 1e-300 and norm_g > 1e-300:
+        if norm_b > TINY and norm_g > TINY:
             write_edge(T, count, 0, H1, G2, ca, sa)
             write_edge(T, count, 1, H2, G3, cb, sb)
             write_edge(T, count, 2, H3, G4, cg / norm_g, sg / norm_g)

@@ -31,8 +31,10 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
+    TINY,
     Array,
     Motion,
+    Point,
     aligned,
     apply,
     axis_frame,
@@ -43,6 +45,7 @@ from miniloop_cli.solvers.alignment import (
     unapply,
     write_edge,
 )
+from miniloop_cli.solvers.closing import close_loop
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
 
 MATCHES = (2, 2, 2, 2, 2)
@@ -53,7 +56,7 @@ Waves = tuple[complex, complex, complex]
 
 
 @njit(**OPTIONS)
-def _waves(x: tuple[float, float, float], y: tuple[float, float, float]) -> Waves:
+def _waves(x: Point, y: Point) -> Waves:
     """x + iy, coefficients of (1, cos a, sin a), as coefficients of e^{-ia}, 1, e^{ia}."""
     return (
         complex(0.5 * (x[1] - y[2]), 0.5 * (y[1] + x[2])),
@@ -93,9 +96,9 @@ def _value(x: Waves, e: complex) -> complex:
 @njit(**OPTIONS)
 def _offset(
     K3: Motion,
-    u: tuple[float, float, float],
-    z: tuple[float, float, float],
-    n: tuple[float, float, float],
+    u: Point,
+    z: Point,
+    n: Point,
     z_value: float,
     n_value: float,
     M: tuple[float, float, float, float],
@@ -106,6 +109,20 @@ def _offset(
     return _waves(
         (M[3] * e[0] - M[1] * f[0], M[3] * e[1] - M[1] * f[1], M[3] * e[2] - M[1] * f[2]),
         (M[0] * f[0] - M[2] * e[0], M[0] * f[1] - M[2] * e[1], M[0] * f[2] - M[2] * e[2]),
+    )
+
+
+@njit(**OPTIONS)
+def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Point, Point, Point]:
+    """Both pairs stretched about their midpoints to the mean of their lengths: no motion could keep two lengths."""
+    x, y, z, u, v, w = p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2], q2[0] - q1[0], q2[1] - q1[1], q2[2] - q1[2]
+    p, q = math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w)
+    a, b = 0.25 * (p - q) / p, 0.25 * (q - p) / q
+    return (
+        (p1[0] + a * x, p1[1] + a * y, p1[2] + a * z),
+        (p2[0] - a * x, p2[1] - a * y, p2[2] - a * z),
+        (q1[0] + b * u, q1[1] + b * v, q1[2] + b * w),
+        (q2[0] - b * u, q2[1] - b * v, q2[2] - b * w),
     )
 
 
@@ -123,7 +140,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4 and good_h4 and good_g5):
         return 0
     K2, K3, K4 = joint(H2, G2), joint(H3, G3), joint(H4, G4)
-    p1, p2, q1, q2 = aligned(H1, p, 8), aligned(H1, p, 9), aligned(G5, q, 8), aligned(G5, q, 9)
+    p1, p2, q1, q2 = equidistant(aligned(H1, p, 8), aligned(H1, p, 9), aligned(G5, q, 8), aligned(G5, q, 9))
     u, back = back_translation(K3), back_translation(K4)
     M = K3[6], K3[7], u[0], u[1]
     N = K4[2], K4[5], -K4[9], -K4[10]
@@ -156,7 +173,8 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     W = x[2].real - y[2].real, x[3] - y[3], x[4] - y[4]
 
     work = workspace()
-    f, roots, found = np.empty(9), np.empty((8, 2)), np.empty((8, 9))
+    f, roots, found = np.empty(9), np.empty((8, 2)), np.empty((9, 8))
+    order, residuals = np.empty(8, np.int64), np.empty(8)
     # Coefficients of e^{ika} in |N|^2 - W^2, k = 0 .. 4.
     W1, W2 = W[1].conjugate(), W[2].conjugate()
     f[0] = -W[0] * W[0] - 2 * (W[1] * W1 + W[2] * W2).real
@@ -188,27 +206,26 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         x1, x2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
         w1, w2 = c1 * d, c2 * d
         y1, y2 = unapply(K4, w1.real, w1.imag, q1[2]), unapply(K4, w2.real, w2.imag, q2[2])
-        s, t = complex(x1[0], x1[1]), complex(x2[0], x2[1])
-        g = s.conjugate() * complex(y1[0], y1[1]) + t.conjugate() * complex(y2[0], y2[1])
+        g = complex(x1[0], -x1[1]) * complex(y1[0], y1[1]) + complex(x2[0], -x2[1]) * complex(y2[0], y2[1])
         norm_g = abs(g)
         g /= norm_g
-        if not (norm_b > 1e-300 and norm_d > 1e-300 and norm_g > 1e-300):
+        if not (norm_b > TINY and norm_d > TINY and norm_g > TINY):
             continue
-        s, t = g * s - complex(y1[0], y1[1]), g * t - complex(y2[0], y2[1])
-        residual = (s * s.conjugate() + t * t.conjugate()).real + (x1[2] - y1[2]) ** 2 + (x2[2] - y2[2]) ** 2
+        found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e.real, e.imag, b.real, b.imag
+        found[count, 4], found[count, 5], found[count, 6], found[count, 7] = g.real, g.imag, d.real, -d.imag
+        residual = close_loop(K2, K3, K4, p1, p2, q1, q2, found, count, work)
         k = count
-        while k > 0 and found[k - 1, 8] > residual:
-            found[k] = found[k - 1]
+        while k > 0 and residuals[k - 1] > residual:
+            order[k], residuals[k] = order[k - 1], residuals[k - 1]
             k -= 1
-        found[k, 0], found[k, 1], found[k, 2], found[k, 3] = e.real, e.imag, b.real, b.imag
-        found[k, 4], found[k, 5], found[k, 6], found[k, 7] = g.real, g.imag, d.real, -d.imag
-        found[k, 8] = residual
+        order[k], residuals[k] = count, residual
         count += 1
-    for k in range(count):
-        write_edge(T, k, 0, H1, G2, found[k, 0], found[k, 1])
-        write_edge(T, k, 1, H2, G3, found[k, 2], found[k, 3])
-        write_edge(T, k, 2, H3, G4, found[k, 4], found[k, 5])
-        write_edge(T, k, 3, H4, G5, found[k, 6], found[k, 7])
+    for s in range(count):
+        k = order[s]
+        write_edge(T, s, 0, H1, G2, found[k, 0], found[k, 1])
+        write_edge(T, s, 1, H2, G3, found[k, 2], found[k, 3])
+        write_edge(T, s, 2, H3, G4, found[k, 4], found[k, 5])
+        write_edge(T, s, 3, H4, G5, found[k, 6], found[k, 7])
     return count
 
 

@@ -13,21 +13,34 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, aligned, axis_frame, write_edge
+from miniloop_cli.solvers.alignment import OPTIONS, TINY, Array, aligned, frame_through, write_edge
 
 MATCHES = (3,)
 MAX_SOLUTIONS = 1
 
 
 @njit(**OPTIONS)
+def _third(p: Array) -> int:
+    """The corner of the triangle p (3, 3) that lies opposite its longest side."""
+    a, b, c = 0.0, 0.0, 0.0
+    for k in range(3):
+        a += (p[1, k] - p[2, k]) ** 2
+        b += (p[2, k] - p[0, k]) ** 2
+        c += (p[0, k] - p[1, k]) ** 2
+    return 0 if a >= b and a >= c else 1 if b >= c else 2
+
+
+@njit(**OPTIONS)
 def solve(p: Array, q: Array, T: Array) -> int:
     """p, q (3, 3) matches of scan 1 and scan 2; T (1, 1, 3, 4) receives scan 1 -> scan 2; returns 0 or 1."""
-    H, good_h = axis_frame(p, 0)
-    G, good_g = axis_frame(q, 0)
-    a, b = aligned(H, p, 2), aligned(G, q, 2)
+    k = _third(p)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    H, good_h = frame_through(p, i, j)
+    G, good_g = frame_through(q, i, j)
+    a, b = aligned(H, p, k), aligned(G, q, k)
     c, s = a[0] * b[0] + a[1] * b[1], a[0] * b[1] - a[1] * b[0]
     norm = math.sqrt(c * c + s * s)
-    if not (good_h and good_g and norm > 1e-300):
+    if not (good_h and good_g and norm > TINY):
         return 0
     write_edge(T, 0, 0, H, G, c / norm, s / norm)
     return 1

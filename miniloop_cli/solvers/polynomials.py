@@ -25,7 +25,7 @@ from numpy.polynomial import polynomial
 from miniloop_cli.solvers.alignment import OPTIONS, Array
 
 # Largest imaginary part, in radians, of a root that is still reported by its real part.
-NEARLY_REAL = 0.1
+NEARLY_REAL = 0.2
 # Intervals of F' are halved at most so often: on the last ones F varies by less than rounding.
 DEPTH = 18
 SAMPLES = 16
