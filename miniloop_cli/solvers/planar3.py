@@ -1,0 +1,36 @@
+"""Three scans with a known vertical, 1+1+1 matches (paper, sec. 3): at most 2 solutions (paper: 4).
+
+With t = q_1 - p_2, the way in scan 2 from the match by which it is left to the one by which it was entered, and the closing
+match (p, q) relative to p_1 and q_2, the xy parts as complex numbers obey q = B (t + A p), |A| = |B| = 1: a planar arm of two
+links that has to reach q. |t + A p| = |q| is the law of cosines: two mirrored A, and B = q / (t + A p).
+9 constraints on 8 degrees of freedom, but the ninth (z) does not tell the mirrored arms apart.
+Filtered: a match right above another in the same scan (no arm), arms out of reach.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.upright import rise, turns_reaching, unit, write_upright, xy
+
+MATCHES = (1, 1, 1)
+MAX_SOLUTIONS = 2
+
+
+@njit(**OPTIONS)
+def solve(p: Array, q: Array, T: Array) -> int:
+    """p, q (3, 3) matches of 1-2, 2-3, 1-3; T (2, 2, 3, 4) receives 1 -> 2 -> 3; returns 0 to 2."""
+    a, b, t = xy(p, 2) - xy(p, 0), xy(q, 2) - xy(q, 1), xy(q, 0) - xy(p, 1)
+    first, second, found = turns_reaching(t, a, abs(b))
+    up1, up2 = rise(p, q, 0), rise(p, q, 1)
+    spread = (rise(p, q, 2) - up1 - up2) / 3
+    count = 0
+    for i in range(found):
+        A = first if i == 0 else second
+        B, good = unit(b * (t + A * a).conjugate())
+        if good:
+            write_upright(T, count, 0, p, q, A, up1 + spread)
+            write_upright(T, count, 1, p, q, B, up2 + spread)
+            count += 1
+    return count
