@@ -16,7 +16,8 @@ BINARY = frozenset({"orb", "akaze", "brisk"})
 class Detection:
     """Keypoints of one image, strongest first.
 
-    px: (n, 2) float64 measured pixels; response: (n,) float32; descriptors: (n, d) float32 (real) or uint8 (binary).
+    px: (n, 2) float64 measured pixels; response: (n,) float32; descriptors: (n, d) as stored: uint8 (bits, or SIFT's
+    histograms) or float32 (SURF). `comparable` makes them ready for matching.
     """
 
     px: NDArray[np.float64]
@@ -27,8 +28,8 @@ class Detection:
 def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.02) -> Detection:
     """Detect and describe the `count` strongest features of a (h, w) uint8 image.
 
-    `kind`: rootsift, sift, surf (real descriptors) or orb, akaze, brisk (binary). RootSIFT is SIFT with the
-    Hellinger kernel (Arandjelović & Zisserman, CVPR 2012). Deterministic; ties are broken by position.
+    `kind`: rootsift (Arandjelović & Zisserman, CVPR 2012), sift, surf, orb, akaze or brisk. Deterministic; ties are
+    broken by position.
     """
     if kind == "surf" and not _opencv_has_surf():
         px, response, descriptors = _surf_mahotas(gray, count)
@@ -39,17 +40,25 @@ def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.0
     if descriptors is None or not len(px):
         return _empty(kind)
     order = np.lexsort((px[:, 0], px[:, 1], -response))[:count]
-    descriptors = np.ascontiguousarray(descriptors[order])
-    if kind == "rootsift":
-        descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
-    if kind not in BINARY:
-        descriptors = descriptors.astype(np.float32, copy=False)
-    return Detection(px[order], response[order], descriptors)
+    dtype = np.float32 if kind == "surf" else np.uint8
+    return Detection(px[order], response[order], np.ascontiguousarray(descriptors[order], dtype))
+
+
+def comparable(descriptors: NDArray[Any], kind: str) -> NDArray[Any]:
+    """Descriptors as `match` wants them: uint8 bits (Hamming) or float32 (Euclidean).
+
+    RootSIFT is SIFT under the Hellinger kernel: square roots of the L1-normalised histogram.
+    """
+    if kind in BINARY:
+        return descriptors
+    real = descriptors.astype(np.float32)
+    return np.sqrt(real / np.maximum(real.sum(axis=1, keepdims=True), 1)) if kind == "rootsift" else real
 
 
 def _empty(kind: str) -> Detection:
-    dtype = np.uint8 if kind in BINARY else np.float32
-    return Detection(np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros((0, 64), dtype))
+    return Detection(
+        np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros((0, 64), np.float32 if kind == "surf" else np.uint8)
+    )
 
 
 def _opencv_detector(kind: str, count: int, contrast: float) -> Any:
@@ -60,12 +69,16 @@ def _opencv_detector(kind: str, count: int, contrast: float) -> Any:
     if kind == "orb":
         return cv2.ORB_create(nfeatures=count, fastThreshold=10)
     if kind == "akaze":
-        return getattr(cv2, "AKAZE_create", None or getattr(extra, "AKAZE_create", None))(threshold=5e-4)
+        return _where(cv2, extra, "AKAZE_create")(threshold=5e-4)
     if kind == "brisk":
-        return getattr(cv2, "BRISK_create", None or getattr(extra, "BRISK_create", None))(thresh=20)
+        return _where(cv2, extra, "BRISK_create")(thresh=20)
     if kind == "surf":
         return extra.SURF_create(hessianThreshold=100)
     raise ValueError(f"unknown feature type '{kind}'")
+
+
+def _where(main: Any, extra: Any, name: str) -> Any:
+    return getattr(main, name, None) or getattr(extra, name)
 
 
 def _opencv_has_surf() -> bool:

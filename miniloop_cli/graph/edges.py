@@ -1,4 +1,4 @@
-"""From matches to verified relative poses: solve the cycles of the graph, fall back to shorter ones, judge the edges."""
+"""From matches to verified relative poses: solve the cycles of the graph, then shorter ones, and judge every edge."""
 
 from __future__ import annotations
 

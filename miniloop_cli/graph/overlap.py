@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.config import Matching
+from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.features.match import match
 from miniloop_cli.parallel import Workers
@@ -36,11 +37,11 @@ def scan_points(features: ScanFeatures, camera: Camera) -> ScanPoints:
 
 
 def match_pairs(
-    features: Sequence[ScanFeatures], pairs: Iterable[Pair], settings: Matching, workers: Workers
+    features: Sequence[ScanFeatures], pairs: Iterable[Pair], kind: str, settings: Matching, workers: Workers
 ) -> Matches:
     """Matches (m, 2) of the features with depth of each pair of scans, where there are at least `min_matches`."""
     pairs = list(pairs)
-    strongest = [scan.descriptors[: min(scan.with_depth, settings.count)] for scan in features]
+    strongest = [comparable(scan.descriptors[: min(scan.with_depth, settings.count)], kind) for scan in features]
 
     def match_pair(pair: Pair) -> NDArray[np.int64]:
         return match(strongest[pair[0]], strongest[pair[1]], settings.ratio)

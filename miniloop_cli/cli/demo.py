@@ -1,0 +1,34 @@
+"""`miniloop demo`: simulate, register, evaluate; what a newcomer runs first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from miniloop_cli.cli import options
+from miniloop_cli.cli.main import CONTEXT
+
+
+@click.command(context_settings=CONTEXT)
+@options.output_dir("demo")
+@click.option("--frames", type=click.IntRange(min=3), default=30, show_default=True, help="Frames to simulate.")
+@options.jobs
+@options.seed
+@options.quiet
+def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) -> None:
+    """Simulate a small recording, register it, and measure the result: no download, under a minute.
+
+    \b
+    Example:   miniloop demo
+    """
+    from miniloop_cli.cli.eval import evaluate
+    from miniloop_cli.cli.register import register
+    from miniloop_cli.cli.simulate import simulate
+
+    folder = output or Path("demo")
+    recording, result = folder / "recording", folder / "result"
+    context = click.get_current_context()
+    context.invoke(simulate, folder=recording, frames=frames, seed=seed, quiet=quiet, overwrite=True)
+    context.invoke(register, sequence=recording, output=result, config="default", jobs=jobs, seed=seed, quiet=quiet)
+    context.invoke(evaluate, result=result, gt=recording, plot=result)

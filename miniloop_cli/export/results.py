@@ -1,0 +1,230 @@
+"""The results folder of `register`: every file whole or absent."""
+
+from __future__ import annotations
+
+import csv
+import json
+import platform
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from miniloop_cli import __version__
+from miniloop_cli.errors import InputError
+from miniloop_cli.export.cloud import fuse_cloud
+from miniloop_cli.export.g2o import write_g2o
+from miniloop_cli.export.ply import write_ply
+from miniloop_cli.files import atomic_write
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
+from miniloop_cli.pipeline import Registration
+from miniloop_cli.poses import residuals
+from miniloop_cli.scans import read_scan, write_trajectory
+from miniloop_cli.scans.sequence import Trajectory
+
+LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx")
+
+
+def write_results(run: Registration, folder: Path) -> None:
+    """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete."""
+    stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
+    _write_yaml(run, folder / "config.yaml")
+    _write_frames(run, stamps, folder / "frames.csv")
+    _write_edges(run, stamps, folder / "edges.csv")
+    _write_inliers(run, folder / "inliers.npz")
+    _write_graph(run, folder / "graph.g2o")
+    write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run), run.settings.cloud.voxel_m))
+    with atomic_write(folder / "summary.json") as file:
+        json.dump(summary(run), file, indent=1)
+    registered = run.poses.registered
+    write_trajectory(folder / "trajectory.txt", Trajectory(stamps[registered], run.poses.T_world_cam[registered]))
+
+
+def summary(run: Registration) -> dict[str, Any]:
+    """The run in numbers, JSON-able; `cycles`: edges covered by each solver, as in the paper's table."""
+    sizes = np.bincount(run.poses.component[run.poses.component >= 0])
+    solvers = Counter(edge.solver for edge in run.edges)
+    covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
+    return {
+        "sequence": run.sequence.name,
+        "frames": len(run.sequence.frames),
+        "registered": len(run.poses.registered),
+        "components": len(sizes),
+        "component_sizes": sizes.tolist(),
+        "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
+        "edges": sum(edge.verdict == VERIFIED for edge in run.edges),
+        "verdicts": dict(sorted(Counter(edge.verdict for edge in run.edges).items())),
+        "cycles": covered | {"pairwise": solvers.get("pairwise", 0)},
+        "camera": run.sequence.camera.source,
+        "notes": list(run.sequence.notes),
+        "timings_s": run.timings_s,
+        "seed": run.seed,
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of miniloop, Python and the libraries that the result depends on."""
+    found = {"miniloop": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def _write_yaml(run: Registration, path: Path) -> None:
+    with atomic_write(path) as file:
+        yaml.safe_dump(run.settings.model_dump(), file, sort_keys=False)
+
+
+def _write_csv(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
+    with atomic_write(path) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+FRAME_COLUMNS = tuple(
+    """
+    index timestamp keypoints with_depth depth_valid_share median_depth_m registered component sigma_rot_deg
+    sigma_trans_m reason
+    """.split()
+)
+
+
+def _write_frames(run: Registration, stamps: NDArray[np.float64], path: Path) -> None:
+    def rows() -> Iterator[Sequence[Any]]:
+        for index, scan in enumerate(run.scans):
+            component = int(run.poses.component[index])
+            sigma = np.sqrt(np.diag(run.covariance[index]))
+            known = np.isfinite(sigma).all() and component == 0
+            yield (
+                index,
+                f"{stamps[index]:.6f}",
+                len(scan.features),
+                scan.features.with_depth,
+                f"{scan.depth_valid_share:.4f}",
+                f"{scan.median_depth_m:.3f}",
+                int(component == 0),
+                component,
+                f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if known else "",
+                f"{np.linalg.norm(sigma[3:]):.5f}" if known else "",
+                reason(run, index),
+            )
+
+    _write_csv(path, FRAME_COLUMNS, rows())
+
+
+def reason(run: Registration, index: int) -> str:
+    """Why a frame is not in the trajectory; "" if it is."""
+    if run.poses.component[index] == 0:
+        return ""
+    if run.scans[index].problem:
+        return run.scans[index].problem
+    if run.poses.component[index] > 0:
+        size = int((run.poses.component == run.poses.component[index]).sum())
+        return f"joined to {size - 1} other frames, but to none of the trajectory"
+    found = run.scans[index].features
+    if found.with_depth < run.settings.matching.min_matches:
+        return f"{len(found)} features, {found.with_depth} with depth: too few"
+    own = [edge for edge in run.edges if index in (edge.i, edge.j)]
+    if not own:
+        return f"no other frame has {run.settings.matching.min_matches} matches with it"
+    best = max(own, key=lambda edge: edge.inlier_count)
+    return f"none of {len(own)} overlaps was verified (best: {best.reason or best.verdict})"
+
+
+EDGE_COLUMNS = tuple(
+    """
+    i j timestamp_i timestamp_j matches inliers solver cycle verdict reason rot_residual_deg trans_residual_m
+    rot_sigma_deg trans_sigma_m hypotheses tx ty tz qx qy qz qw
+    """.split()
+)
+
+
+def _write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> None:
+    """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
+    from scipy.spatial.transform import Rotation
+
+    angles, distances = residuals(run.edges, run.poses.T_world_cam)
+
+    def rows() -> Iterator[Sequence[Any]]:
+        for edge, angle, distance in zip(run.edges, angles, distances, strict=True):
+            component = run.poses.component[edge.i]
+            judged = component >= 0 and component == run.poses.component[edge.j]
+            solved = edge.information.any()
+            sigma = np.sqrt(np.maximum(np.diag(edge.covariance), 0))
+            pose = [*edge.T_j_i[:3, 3], *Rotation.from_matrix(edge.T_j_i[:3, :3]).as_quat(canonical=True)]
+            yield (
+                edge.i,
+                edge.j,
+                f"{stamps[edge.i]:.6f}",
+                f"{stamps[edge.j]:.6f}",
+                len(edge.matches),
+                edge.inlier_count,
+                edge.solver,
+                edge.cycle,
+                edge.verdict,
+                edge.reason,
+                f"{angle:.4f}" if judged and solved else "",
+                f"{distance:.5f}" if judged and solved else "",
+                f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if solved else "",
+                f"{np.linalg.norm(sigma[3:]):.5f}" if solved else "",
+                edge.hypotheses,
+                *(f"{value:.9f}" if solved else "" for value in pose),
+            )
+
+    _write_csv(path, EDGE_COLUMNS, rows())
+
+
+def _write_inliers(run: Registration, path: Path) -> None:
+    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
+    kept = [edge.matches[edge.inliers] if edge.verdict != REJECTED else edge.matches[:0] for edge in run.edges]
+    px_i, px_j = (
+        np.concatenate(
+            [np.zeros((0, 2)), *(side(edge)[rows[:, k]] for edge, rows in zip(run.edges, kept, strict=True))]
+        )
+        for k, side in enumerate((lambda e: run.scans[e.i].features.px, lambda e: run.scans[e.j].features.px))
+    )
+    offsets = np.cumsum([0] + [len(rows) for rows in kept])
+    with atomic_write(path, "wb") as file:
+        np.savez(file, offsets=offsets, px_i=px_i.astype(np.float32), px_j=px_j.astype(np.float32))
+
+
+def _write_graph(run: Registration, path: Path) -> None:
+    registered = run.poses.registered
+    edges: list[Edge] = [e for e in run.edges if e.verdict == VERIFIED and run.poses.component[e.i] == 0]
+    write_g2o(
+        path,
+        registered,
+        run.poses.T_world_cam[registered],
+        np.array([(e.i, e.j) for e in edges]).reshape(-1, 2),
+        np.array([e.T_j_i for e in edges]).reshape(-1, 4, 4),
+        np.array([e.information for e in edges]).reshape(-1, 6, 6),
+    )
+
+
+def _world_points(run: Registration) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
+    """Coloured points of every registered scan, one scan at a time."""
+    camera, depth, stride = run.sequence.camera, run.settings.depth, run.settings.cloud.stride_px
+    ideal = None
+    for index in run.poses.registered:
+        try:
+            scan = read_scan(run.sequence, int(index))
+        except InputError:
+            continue
+        v, u = np.mgrid[0 : scan.depth_m.shape[0] : stride, 0 : scan.depth_m.shape[1] : stride]
+        if ideal is None or len(ideal) != u.size:
+            ideal = camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1))
+        z = scan.depth_m[::stride, ::stride].ravel()
+        good = (z >= depth.min_m) & (z <= depth.max_m)
+        points = se3.transform(run.poses.T_world_cam[index], camera.backproject(ideal[good], z[good]))
+        yield points, scan.color[::stride, ::stride].reshape(-1, 3)[good]

@@ -1,0 +1,66 @@
+"""The features of every scan of a sequence, kept on disk; a scan that cannot be read is named and left empty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from miniloop_cli.artefacts import Store, file_fingerprint, fingerprint
+from miniloop_cli.config import Settings
+from miniloop_cli.errors import InputError
+from miniloop_cli.features.lift import ScanFeatures, scan_features
+from miniloop_cli.parallel import Workers
+from miniloop_cli.scans import read_scan
+from miniloop_cli.scans.sequence import Sequence
+
+
+@dataclass(frozen=True)
+class ExtractedScan:
+    """Features of one scan and what the report says of its frame. `problem`: why it could not be used, or ""."""
+
+    features: ScanFeatures
+    depth_valid_share: float
+    median_depth_m: float
+    key: str
+    problem: str = ""
+
+
+NOTHING = ScanFeatures(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 128), np.uint8))
+
+
+def extract(sequence: Sequence, settings: Settings, store: Store, workers: Workers) -> Iterator[ExtractedScan]:
+    """Features of each frame, in order."""
+
+    def one(index: int) -> ExtractedScan:
+        return extract_scan(sequence, index, settings, store)
+
+    return workers.map(one, range(len(sequence.frames)), "detecting features", len(sequence.frames))
+
+
+def extract_scan(sequence: Sequence, index: int, settings: Settings, store: Store) -> ExtractedScan:
+    """Features of frame `index`, from the store where they were made before."""
+    key = _key(sequence, index, settings)
+    kept = store.load("features", key)
+    if kept is None:
+        try:
+            scan = read_scan(sequence, index)
+        except InputError as error:
+            return ExtractedScan(NOTHING, 0.0, 0.0, key, str(error))
+        found = scan_features(scan, sequence.camera, settings.features, settings.depth)
+        readings = scan.depth_m[scan.depth_m > 0]
+        depth = np.array([len(readings) / scan.depth_m.size, np.median(readings) if len(readings) else 0.0])
+        kept = {"px": found.px, "px_ideal": found.px_ideal, "z_m": found.z_m, "descriptors": found.descriptors}
+        kept["depth"] = depth
+        store.save("features", key, kept)
+    found = ScanFeatures(kept["px"], kept["px_ideal"], kept["z_m"], kept["descriptors"])
+    return ExtractedScan(found, float(kept["depth"][0]), float(kept["depth"][1]), key)
+
+
+def _key(sequence: Sequence, index: int, settings: Settings) -> str:
+    frame = sequence.frames[index]
+    files = [file_fingerprint(path) for path in (frame.color_path, frame.depth_path, frame.mask_path) if path]
+    camera = asdict(sequence.camera) | {"source": ""}  # how the camera was found does not change a feature
+    how = [settings.features.model_dump(), settings.depth.model_dump(), camera, asdict(sequence.depth_format)]
+    return fingerprint("features", files, how)

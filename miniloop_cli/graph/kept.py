@@ -1,0 +1,84 @@
+"""Matches and edges on disk: lists of arrays packed end to end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, fingerprint
+from miniloop_cli.graph.edges import Edge
+from miniloop_cli.graph.overlap import Matches, Pair
+
+CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
+
+
+def matches_by_chunk(
+    pairs: Sequence[Pair], key: str, store: Store, make: Callable[[Sequence[Pair]], Matches]
+) -> Matches:
+    """Matches of all pairs, chunk by chunk from the store or made now."""
+    found: Matches = {}
+    for begin in range(0, len(pairs), CHUNK):
+        chunk = pairs[begin : begin + CHUNK]
+        chunk_key = fingerprint("matches", key, chunk)
+        kept = store.load("matches", chunk_key)
+        if kept is None:
+            made = make(chunk)
+            kept = _packed_matches(made)
+            store.save("matches", chunk_key, kept)
+        rows = np.split(kept["rows"].astype(np.int64), kept["ends"][:-1]) if len(kept["pairs"]) else []
+        found |= {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], rows, strict=True)}
+    return found
+
+
+def _packed_matches(matches: Matches) -> dict[str, NDArray[Any]]:
+    rows = list(matches.values())
+    return {
+        "pairs": np.array(list(matches), np.int32).reshape(-1, 2),
+        "rows": np.concatenate([*rows, np.zeros((0, 2), int)]).astype(np.int32),
+        "ends": np.cumsum([len(part) for part in rows], dtype=np.int64),
+    }
+
+
+def edges_kept(matches: Matches, key: str, store: Store, make: Callable[[], list[Edge]]) -> list[Edge]:
+    """Solved edges from the store or made now; `matches` are those they were made from."""
+    edges_key = fingerprint("edges", key)
+    kept = store.load("edges", edges_key)
+    if kept is None:
+        edges = make()
+        store.save("edges", edges_key, _packed_edges(edges))
+        return edges
+    pairs = [(int(i), int(j)) for i, j in kept["pairs"]]
+    inliers = np.split(kept["inliers"], np.cumsum([len(matches[pair]) for pair in pairs])[:-1]) if pairs else []
+    return [
+        Edge(
+            *pair,
+            matches[pair],
+            inliers[k],
+            kept["T_j_i"][k],
+            kept["information"][k],
+            kept["covariance"][k],
+            str(kept["solver"][k]),
+            int(kept["cycle"][k]),
+            int(kept["hypotheses"][k]),
+            str(kept["verdict"][k]),
+            str(kept["reason"][k]),
+        )
+        for k, pair in enumerate(pairs)
+    ]
+
+
+def _packed_edges(edges: Sequence[Edge]) -> dict[str, NDArray[Any]]:
+    def column(name: str, shape: tuple[int, ...] = ()) -> NDArray[Any]:
+        return np.array([getattr(edge, name) for edge in edges]).reshape(len(edges), *shape)
+
+    return {
+        "pairs": np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2),
+        "inliers": np.concatenate([*(edge.inliers for edge in edges), np.zeros(0, bool)]),
+        "T_j_i": column("T_j_i", (4, 4)),
+        "information": column("information", (6, 6)),
+        "covariance": column("covariance", (6, 6)),
+        **{name: column(name) for name in ("solver", "cycle", "hypotheses", "verdict", "reason")},
+    }

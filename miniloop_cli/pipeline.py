@@ -1,0 +1,106 @@
+"""The whole run: the stages in order, each from named inputs to named outputs, timed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, fingerprint
+from miniloop_cli.config import Settings
+from miniloop_cli.errors import RegistrationError
+from miniloop_cli.features.extract import ExtractedScan, extract
+from miniloop_cli.graph.edges import Edge, solve_edges
+from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
+from miniloop_cli.graph.overlap import match_pairs, scan_points
+from miniloop_cli.parallel import Workers
+from miniloop_cli.poses import Poses, average
+from miniloop_cli.refine import refine
+from miniloop_cli.scans.sequence import Sequence
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage."""
+
+    sequence: Sequence
+    settings: Settings
+    seed: int
+    scans: list[ExtractedScan]
+    edges: list[Edge]
+    poses: Poses
+    covariance: NDArray[np.float64]
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+
+class Stopwatch:
+    """Wall-clock seconds of named stages, in order."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 3)
+
+
+def register(sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0) -> Registration:
+    """Poses of all scans of a sequence.
+
+    Raises RegistrationError if no two scans could be registered.
+    """
+    watch = Stopwatch()
+    count = len(sequence.frames)
+    with watch.stage("features"):
+        scans = list(extract(sequence, settings, store, workers))
+        features = [scan.features for scan in scans]
+        features_key = fingerprint([scan.key for scan in scans])
+    with watch.stage("matching"):
+        pairs = list(combinations(range(count), 2))
+        matches_key = fingerprint(features_key, settings.matching.model_dump())
+        matches = matches_by_chunk(
+            pairs,
+            matches_key,
+            store,
+            lambda chunk: match_pairs(features, chunk, settings.features.type, settings.matching, workers),
+        )
+    with watch.stage("edges"):
+        points = [scan_points(found, sequence.camera) for found in features]
+        solving = [settings.ransac, settings.verification, settings.cycles]
+        edges_key = fingerprint(matches_key, [section.model_dump() for section in solving], seed)
+        edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
+    with watch.stage("averaging"):
+        poses, edges = average(edges, count, settings.averaging)
+        if len(poses.registered) < 2:
+            raise RegistrationError(_why_nothing(scans, edges, settings))
+    with watch.stage("refinement"):
+        poses, covariance = refine(poses, edges, features, sequence.camera, settings, workers)
+    return Registration(sequence, settings, seed, scans, edges, poses, covariance, watch.seconds)
+
+
+def _why_nothing(scans: list[ExtractedScan], edges: list[Edge], settings: Settings) -> str:
+    """One line for a sequence in which no two scans could be registered."""
+    unreadable = sum(bool(scan.problem) for scan in scans)
+    if unreadable > len(scans) - 2:
+        first = next(scan.problem for scan in scans if scan.problem)
+        return f"{unreadable} of {len(scans)} frames cannot be read (first: {first})"
+    if len(scans) < 2:
+        return "one frame only: there is nothing to register it to"
+    with_depth = np.median([scan.features.with_depth for scan in scans])
+    if with_depth < settings.matching.min_matches:
+        return (
+            f"no scan was registered: half of the frames have at most {with_depth:.0f} features with depth; "
+            "look at the images (blur, exposure, texture) and at the depth range (depth.min_m, depth.max_m)"
+        )
+    return (
+        f"no scan was registered: {len(edges)} of {len(scans) * (len(scans) - 1) // 2} pairs have "
+        f"{settings.matching.min_matches} or more matches and none was verified; do the scans overlap, and is the "
+        "depth scale right (--camera)?"
+    )
