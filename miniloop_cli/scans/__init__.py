@@ -22,7 +22,15 @@ from miniloop_cli.scans.trajectory import read_trajectory, write_trajectory
 
 __all__ = ["LAYOUTS", "open_sequence", "read_ground_truth", "read_scan", "read_trajectory", "write_trajectory"]
 
-LAYOUTS = {"tum": "miniloop_cli.scans.tum"}  # the order in which a folder is tried
+LAYOUTS = {  # in the order in which a folder is tried: the more special ones first
+    "7-scenes": "miniloop_cli.scans.seven_scenes",
+    "polycam": "miniloop_cli.scans.polycam",
+    "record3d": "miniloop_cli.scans.record3d",
+    "icl-nuim": "miniloop_cli.scans.icl_nuim",
+    "scannet": "miniloop_cli.scans.scannet",
+    "open3d": "miniloop_cli.scans.redwood",
+    "tum": "miniloop_cli.scans.tum",
+}
 
 
 def open_sequence(
@@ -109,14 +117,20 @@ def _layout_module(root: Path, layout: str | None) -> ModuleType:
             )
         return importlib.import_module(LAYOUTS[layout])
     modules = [importlib.import_module(name) for name in LAYOUTS.values()]
-    for module in modules:
-        if module.matches(root):
+
+    def known(folder: Path) -> ModuleType | None:
+        return next((module for module in modules if module.matches(folder)), None)
+
+    try:
+        if module := known(root):
             return module
+        inner = next((child for child in children[:20] if known(child)), None)
+    except OSError as error:
+        raise InputError(f"cannot look into {shown(root)}: {error.strerror or error}") from error
     if empty:
         raise InputError(f"{shown(root)} is empty")
-    for child in children[:20]:
-        if any(module.matches(child) for module in modules):
-            raise InputError(f"{shown(root)} is not a recording itself; did you mean {shown(child)}?")
+    if inner:
+        raise InputError(f"{shown(root)} is not a recording itself; did you mean {shown(inner)}?")
     raise InputError(f"{shown(root)} has no layout known here ({', '.join(LAYOUTS)}); see docs/recordings.md")
 
 
