@@ -1,0 +1,150 @@
+"""The report's charts: trajectory, overlap matrix, overlap graph, numbers per frame, timings."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.report.data import Edges, Frames, ReportData
+from miniloop_cli.report.images import data_uri
+from miniloop_cli.report.svg import Chart, limits, wrap
+from miniloop_cli.scans.sequence import Trajectory
+
+Floats = NDArray[np.float64]
+# Columns of the horizontal and vertical axis and the sign of the latter: z is up in a motion-capture world, the
+# first camera has y down and z forward.
+WORLD_VIEWS = {"Top view (x, y)": (0, 1, 1), "Side view (x, z)": (0, 2, 1)}
+CAMERA_VIEWS = {"Top view (x right, z forward)": (0, 2, 1), "Side view (z forward, y up)": (2, 1, -1)}
+MATRIX_PX = 800
+MOST_CHORDS = 6000
+KINDS = {"cycle7": 7, "cycle6": 6, "cycle5": 5, "cycle4": 4, "cycle3": 3, "pairwise": 2}
+
+
+def frame_numbers(frames: Frames, trajectory: Trajectory) -> NDArray[np.int64]:
+    """(n,) number of the frame of every pose, by the nearest stamp."""
+    from miniloop_cli.evaluation.association import nearest
+
+    return nearest(frames.timestamp_s, trajectory.timestamps_s)
+
+
+def trajectory_charts(data: ReportData, trajectory: Trajectory, evaluation: Evaluation | None) -> str:
+    """Top and side view; with a ground truth in its world, with the true path beneath."""
+    if evaluation:
+        positions, truth, views = evaluation.T_aligned[:, :3, 3], evaluation.T_true[:, :3, 3], WORLD_VIEWS
+        shown = Trajectory(evaluation.timestamps_s, evaluation.T_aligned)
+        notes = [f", off by {100 * e:.1f} cm" for e in evaluation.position_errors_m]
+    else:
+        positions, truth, views = trajectory.T_world_cam[:, :3, 3], np.empty((0, 3)), CAMERA_VIEWS
+        shown, notes = trajectory, [""] * len(trajectory.timestamps_s)
+    numbers = frame_numbers(data.frames, shown)
+    tips = [f"frame {k}, {t:.3f} s{note}" for k, t, note in zip(numbers, shown.timestamps_s, notes, strict=True)]
+    charts = []
+    for title, (a, b, sign) in views.items():
+        spans = limits(positions[:, a], truth[:, a]), limits(sign * positions[:, b], sign * truth[:, b])
+        chart = Chart(title, *spans, "m", "m", equal=True)
+        chart.line(truth[:, a], sign * truth[:, b], "truth")
+        chart.line(positions[:, a], sign * positions[:, b], "estimate")
+        chart.dots(positions[:, a], sign * positions[:, b], "pose", tips)
+        chart.dots(positions[:1, a], sign * positions[:1, b], "first", ["first frame"], 6)
+        charts.append(chart.svg())
+    return "".join(charts)
+
+
+def overlap_matrix(edges: Edges, n: int) -> str:
+    """Frames against frames: matches below the diagonal, verified inliers above it, rejected pairs red."""
+    block = max(1, -(-n // MATRIX_PX))
+    size = -(-n // block)
+    strength, rejected = np.zeros((size, size)), np.zeros((size, size), bool)
+    i, j = edges.i // block, edges.j // block
+    np.maximum.at(strength, (j, i), np.nan_to_num(edges.matches))
+    kept = ~edges.rejected
+    np.maximum.at(strength, (i[kept], j[kept]), np.nan_to_num(edges.inliers[kept]))
+    rejected[i[~kept], j[~kept]] = True
+    level = np.log1p(strength) / max(np.log1p(strength.max(initial=0)), 1.0)
+    colors = cv2.applyColorMap(np.rint(255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
+    colors[strength == 0] = 255
+    colors[rejected & (strength == 0)] = (224, 96, 80)
+    chart = Chart(
+        "Overlap matrix", (-0.5, n - 0.5), (-0.5, n - 0.5), "frame", "frame", equal=True, down=True, height=460
+    )
+    end = size * block - 0.5
+    chart.image(data_uri(colors, lossless=True), (-0.5, end), (-0.5, end))
+    return chart.svg()
+
+
+def overlap_graph(edges: Edges, n: int, registered: NDArray[np.bool_]) -> str:
+    """Frames around a circle in order of time, edges as chords in the colour of the cycle that solved them."""
+    size, radius = 460, 200
+    angle = 2 * np.pi * np.arange(n) / max(n, 1)
+    x, y = size / 2 + radius * np.sin(angle), size / 2 - radius * np.cos(angle)
+    inside = np.flatnonzero((edges.i < n) & (edges.j < n) & ~edges.rejected)
+    if len(inside) > MOST_CHORDS:
+        inside = inside[np.linspace(0, len(inside) - 1, MOST_CHORDS).astype(int)]
+    drawn: dict[str, list[str]] = {}
+    for k in inside:
+        a, b = edges.i[k], edges.j[k]
+        # Bent towards the centre, so that neighbours stay visible on the rim.
+        bend = f"{(x[a] + x[b] + size) / 4:.0f} {(y[a] + y[b] + size) / 4:.0f}"
+        drawn.setdefault(edges.solver[k], []).append(f"M{x[a]:.0f} {y[a]:.0f}Q{bend} {x[b]:.0f} {y[b]:.0f}")
+    opacity = float(np.clip(300 / max(len(inside), 1), 0.3, 0.8))
+    order = sorted(drawn, key=lambda name: (KINDS.get(name, 0), name))
+    parts = [f'<path class="chord k{KINDS.get(s, 0)}" opacity="{opacity:.2f}" d="{"".join(drawn[s])}"/>' for s in order]
+    step = max(1, round(n / 12 / 5) * 5) if n > 12 else 1
+    for k in range(n):
+        tip = f"frame {k}" + ("" if registered[k] else ", not registered")
+        css = "node" if registered[k] else "node lost"
+        circle = f'<circle class="{css}" cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="{2 if n > 60 else 4}">'
+        parts.append(f"{circle}<title>{tip}</title></circle>")
+        if k % step == 0 and n - k >= step / 2:
+            u, v = size / 2 + 216 * np.sin(angle[k]), size / 2 - 216 * np.cos(angle[k]) + 4
+            parts.append(f'<text class="tick" text-anchor="middle" x="{u:.0f}" y="{v:.0f}">{k}</text>')
+    return wrap(parts, size, size, "Overlap graph")
+
+
+def cycle_counts(edges: Edges) -> list[tuple[str, int, int]]:
+    """(solver, colour number, edges that were not rejected), the longest cycles first."""
+    counts = Counter(name for name, out in zip(edges.solver, edges.rejected, strict=True) if not out)
+    return sorted(((name, KINDS.get(name, 0), count) for name, count in counts.items()), key=lambda row: -row[1])
+
+
+def frame_charts(frames: Frames) -> str:
+    """Features and depth over the frames, those without a pose marked."""
+    x = np.arange(len(frames), dtype=float)
+    series = {
+        "Features": ("count", {"keypoints": frames.keypoints, "with depth": frames.with_depth}),
+        "Pixels with depth": ("%", {"": 100 * frames.depth_valid_share}),
+        "Median depth": ("m", {"": frames.median_depth_m}),
+    }
+    charts = []
+    for title, (unit, lines) in series.items():
+        values = list(lines.values())
+        if not any(np.isfinite(v).any() for v in values):
+            continue
+        names = " and ".join(name for name in lines if name)
+        chart = Chart(
+            f"{title}: {names}" if names else title, limits(x), (0, limits(*values)[1]), "frame", unit, height=230
+        )
+        for number, v in enumerate(values):
+            chart.line(x, v, f"series{number}")
+        tips = [f"frame {k}: {v:.4g} {unit}" for k, v in enumerate(values[0])]
+        for ok, css in ((True, "pose"), (False, "lost")):
+            rows = np.flatnonzero(frames.registered == ok)
+            chart.dots(x[rows], values[0][rows], css, [tips[k] for k in rows], 2 if ok else 3.5)
+        charts.append(chart.svg())
+    return "".join(charts)
+
+
+def residual_chart(edges: Edges) -> str:
+    """Residual of every edge that was not rejected: rotation against translation."""
+    kept = edges.worst_first
+    if not len(kept):
+        return ""
+    cm, deg = 100 * edges.trans_m[kept], edges.rot_deg[kept]
+    chart = Chart("Residuals of the edges", (0, limits(cm)[1]), (0, limits(deg)[1]), "cm", "deg")
+    tips = [f"{edges.i[k]}–{edges.j[k]}, {edges.inliers[k]:.0f} inliers" for k in kept]
+    chart.dots(cm, deg, "residual", tips, 2)
+    return chart.svg()

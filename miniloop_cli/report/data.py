@@ -1,0 +1,159 @@
+"""What the report shows, read from a results folder into arrays; a missing file or column is empty, not an error."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.results import Results
+from miniloop_cli.scans.sequence import Sequence
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Columns of edges.csv, one entry an edge: frame numbers i < j; residuals NaN where there are none."""
+
+    i: Ints
+    j: Ints
+    matches: Floats
+    inliers: Floats
+    rot_deg: Floats
+    trans_m: Floats
+    solver: list[str]
+    cycle: list[str]
+    verdict: list[str]
+    reason: list[str]
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    @cached_property
+    def rejected(self) -> NDArray[np.bool_]:
+        """(m,) whether an edge was rejected."""
+        return np.array([text.startswith("rejected") for text in self.verdict], bool)
+
+    @cached_property
+    def worst_first(self) -> Ints:
+        """Edges that were not rejected and have residuals, the largest first; 1 degree counts as 2 cm."""
+        score = self.rot_deg + 50 * self.trans_m
+        order = np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
+        return order[np.isfinite(score[order]) & ~self.rejected[order]]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Columns of frames.csv, one entry a frame; NaN where a value is not known."""
+
+    timestamp_s: Floats
+    keypoints: Floats
+    with_depth: Floats
+    depth_valid_share: Floats
+    median_depth_m: Floats
+    registered: NDArray[np.bool_]
+    component: list[str]
+    reason: list[str]
+
+    def __len__(self) -> int:
+        return len(self.timestamp_s)
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) pixels of its inliers in both images."""
+
+    results: Results
+    sequence: Sequence | None
+    edges: Edges
+    frames: Frames
+    inlier_px: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.sequence.name if self.sequence else self.results.root.resolve().name
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return self.results.summary
+
+    def text(self, name: str, limit: int = 20_000) -> str:
+        """The end of a text file of the folder, "" without it."""
+        path = self.results.root / name
+        if not path.is_file():
+            return ""
+        text = path.read_bytes()[-limit:].decode("utf-8", "replace")
+        return text if path.stat().st_size <= limit else "[...]\n" + text.partition("\n")[2]
+
+
+def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
+    """Read a results folder. Raises InputError where a file in it is malformed."""
+    results = Results(Path(results_dir))
+    edges = read_edges(results)
+    return ReportData(results, sequence, edges, read_frames(results), read_inliers(results.root, len(edges)))
+
+
+def read_edges(results: Results) -> Edges:
+    """edges.csv as columns."""
+    rows, path = results.edges, results.root / "edges.csv"
+    text = {name: [row.get(name, "") for row in rows] for name in ("solver", "cycle", "verdict", "reason")}
+    i, j = (whole(numbers(rows, name, path), path) for name in "ij")
+    columns = ("matches", "inliers", "rot_residual_deg", "trans_residual_m")
+    return Edges(i, j, *(numbers(rows, name, path) for name in columns), **text)
+
+
+def read_frames(results: Results) -> Frames:
+    """frames.csv as columns; without it, the frames of the trajectory, of which nothing else is known."""
+    rows, path = results.frames, results.root / "frames.csv"
+    if not rows:
+        stamps = results.trajectory.timestamps_s
+        unknown, n = np.full(len(stamps), np.nan), len(stamps)
+        return Frames(stamps, unknown, unknown, unknown, unknown, np.ones(n, bool), ["0"] * n, [""] * n)
+    names = ("timestamp", "keypoints", "with_depth", "depth_valid_share", "median_depth_m")
+    registered = np.array([row.get("registered", "").lower() in ("1", "true", "yes") for row in rows])
+    text = [[row.get(name, "") for row in rows] for name in ("component", "reason")]
+    return Frames(*(numbers(rows, name, path) for name in names), registered, *text)
+
+
+def numbers(rows: list[dict[str, str]], name: str, path: Path) -> Floats:
+    """(n,) a column, NaN where it is missing or empty. Raises InputError for what is not a number."""
+    try:
+        values = np.array([float(row.get(name) or "nan") for row in rows], float)
+    except ValueError as error:
+        raise InputError(f"{path}: column {name}: {error}") from None
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def whole(values: Floats, path: Path) -> Ints:
+    """(n,) frame numbers. Raises InputError for a negative, fractional or missing one."""
+    if not (np.isfinite(values).all() and (values >= 0).all() and (values % 1 == 0).all() and (values < 2**31).all()):
+        raise InputError(f"{path}: columns i and j must be frame numbers, whole and from 0")
+    return values.astype(np.int64)
+
+
+def read_inliers(root: Path, edges: int) -> dict[int, tuple[Floats, Floats]]:
+    """inliers.npz: offsets (m + 1,), px_i and px_j (k, 2), the edges in the order of edges.csv; {} without it.
+
+    Raises InputError where it does not belong to this edges.csv.
+    """
+    path = root / "inliers.npz"
+    if not path.is_file():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            offsets, px_i, px_j = (np.asarray(stored[name]) for name in ("offsets", "px_i", "px_j"))
+        starts = offsets.astype(np.int64)
+        sound = offsets.shape == (edges + 1,) and px_i.shape == px_j.shape == (starts[-1], 2)
+        if not sound or starts[0] != 0 or (np.diff(starts) < 0).any():
+            raise ValueError(f"arrays do not fit {edges} edges")
+    except (OSError, ValueError, KeyError, EOFError, IndexError) as error:
+        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
+    return {k: (px_i[a:b], px_j[a:b]) for k, (a, b) in enumerate(itertools.pairwise(starts))}

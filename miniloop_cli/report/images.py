@@ -1,0 +1,72 @@
+"""Pictures inside the page: encoding, and the two images of an edge with their matches."""
+
+from __future__ import annotations
+
+import base64
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.scans import read_scan
+from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.sequence import Sequence
+
+Image = NDArray[np.uint8]
+MAX_LINES = 120  # more hide the images
+
+
+def data_uri(rgb: Image, lossless: bool = False, quality: int = 82) -> str:
+    """An (h, w, 3) RGB or (h, w) grey image as a data URI, JPEG or PNG."""
+    bgr = rgb[..., ::-1] if rgb.ndim == 3 else rgb
+    suffix, kind = (".png", "png") if lossless else (".jpg", "jpeg")
+    flags = [] if lossless else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    _, data = cv2.imencode(suffix, np.ascontiguousarray(bgr), flags)
+    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode('ascii')}"
+
+
+def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, float] | None:
+    """Colour of a frame without lens distortion, `width` pixels wide, and its scale; None if it cannot be read."""
+    try:
+        color = read_scan(sequence, index).color
+    except (InputError, IndexError):
+        return None
+    color = undistort(color, sequence.camera)
+    scale = width / color.shape[1]
+    size = (width, max(1, round(color.shape[0] * scale)))
+    return cv2.resize(color, size, interpolation=cv2.INTER_AREA), scale
+
+
+def undistort(color: Image, camera: Camera) -> Image:
+    """The image an ideal pinhole camera of the same K would take: where matches are given in its pixels."""
+    if not any(camera.distortion):
+        return color
+    return cv2.undistort(color, camera.K, np.array(camera.distortion))
+
+
+def match_picture(
+    sequence: Sequence, i: int, j: int, px_i: NDArray[np.float64], px_j: NDArray[np.float64], width: int = 480
+) -> Image | None:
+    """Both images side by side, (k, 2) undistorted inlier pixels joined; None if an image cannot be read."""
+    left, right = frame_image(sequence, i, width), frame_image(sequence, j, width)
+    if left is None or right is None:
+        return None
+    height = max(left[0].shape[0], right[0].shape[0])
+    picture = np.zeros((height, 2 * width, 3), np.uint8)
+    picture[: left[0].shape[0], :width], picture[: right[0].shape[0], width:] = left[0], right[0]
+    keep = np.unique(np.linspace(0, len(px_i) - 1, MAX_LINES).round().astype(int)) if len(px_i) else []
+    hues = np.linspace(0, 150, max(len(keep), 1)).astype(np.uint8)
+    paint = cv2.cvtColor(np.stack([hues, np.full_like(hues, 230), np.full_like(hues, 255)], 1)[None], cv2.COLOR_HSV2RGB)
+    # A colour for each height in the left image, so that lines that cross the others stand out.
+    for rank, k in enumerate(sorted(keep, key=lambda k: px_i[k, 1])):
+        a = px_i[k] * left[1]
+        b = px_j[k] * right[1] + [width, 0]
+        if not (np.isfinite(a).all() and np.isfinite(b).all() and max(np.abs(a).max(), np.abs(b).max()) < 1e4):
+            continue
+        ends = [tuple(round(v) for v in p) for p in (a, b)]
+        color = tuple(int(v) for v in paint[0, rank])
+        cv2.line(picture, ends[0], ends[1], color, 1, cv2.LINE_AA)
+        for end in ends:
+            cv2.circle(picture, end, 3, color, 1, cv2.LINE_AA)
+    return picture

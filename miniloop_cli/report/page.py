@@ -1,0 +1,84 @@
+"""`write_report`: one self-contained HTML page of a results folder."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from miniloop_cli import __version__
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
+from miniloop_cli.files import atomic_write
+from miniloop_cli.report import sections
+from miniloop_cli.report.data import ReportData, load
+from miniloop_cli.report.verdict import judge
+from miniloop_cli.scans import read_ground_truth
+from miniloop_cli.scans.sequence import Sequence, Trajectory
+
+# The page may use what it carries and nothing else, so that it shows the same everywhere and tells nobody.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+
+
+def write_report(results_dir: Path, sequence: Sequence | None = None) -> Path:
+    """Write `report.html` into a results folder and return its path.
+
+    `sequence` adds images of the frames and, where the recording has one, the ground truth. Files that are missing
+    from the folder leave their sections out; a run without any pose still gets its verdict.
+    Raises InputError for files that are malformed.
+    """
+    data = load(results_dir, sequence)
+    trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
+    evaluation = against_truth(data, trajectory)
+    verdict = judge(data, evaluation)
+    body = [
+        sections.verdict_section(verdict),
+        sections.trajectory_section(data, trajectory, evaluation),
+        sections.model_section(data, trajectory),
+        sections.overlap_section(data),
+        sections.edges_section(data),
+        sections.worst_section(data),
+        sections.frames_section(data),
+        sections.run_section(data),
+    ]
+    path = data.results.root / "report.html"
+    with atomic_write(path) as file:
+        file.write(page(data.name, "\n".join(body)))
+    return path
+
+
+def against_truth(data: ReportData, trajectory: Trajectory | None) -> Evaluation | None:
+    """The evaluation, where the recording has a ground truth that fits; a bad ground truth does not spoil a report."""
+    if trajectory is None or data.sequence is None:
+        return None
+    try:
+        truth = read_ground_truth(data.sequence)
+        return evaluate(trajectory, truth, data.results.edge_stamps_s) if truth else None
+    except MiniloopError:
+        return None
+
+
+def page(name: str, body: str) -> str:
+    """The whole document."""
+    assets = files("miniloop_cli.report")
+    style, script = (assets.joinpath(asset).read_text(encoding="utf-8") for asset in ("page.css", "page.js"))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<title>{escape(name)} – miniloop</title>
+<style>
+{style}</style>
+</head>
+<body>
+<header><h1>{escape(name)}</h1><p>miniloop {escape(__version__)}</p></header>
+<main>
+{body}
+</main>
+<script>
+{script}</script>
+</body>
+</html>
+"""

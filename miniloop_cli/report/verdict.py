@@ -1,0 +1,153 @@
+"""The verdict in words: did it work, how far it can be trusted, and what to try where it did not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.report.data import ReportData
+
+GOOD, PARTLY, FAILED = "good", "partly", "failed"
+GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
+LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
+FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
+NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`level` is good, partly or failed; one headline; what is known; what to try (empty where nothing is wrong)."""
+
+    level: str
+    headline: str
+    facts: tuple[str, ...]
+    advice: tuple[str, ...]
+
+
+def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
+    """The verdict on a run, and on its trajectory where a ground truth was given."""
+    frames, edges = data.frames, data.edges
+    total, registered = len(frames), int(frames.registered.sum())
+    share = registered / total if total else 0.0
+    loose = _loose(data)
+    level = FAILED if share < FAILED_SHARE or registered < 2 else GOOD if share >= GOOD_SHARE and not loose else PARTLY
+    words = {
+        GOOD: "It worked",
+        PARTLY: "It worked in part" if not loose else "It worked, but the poses are doubtful",
+        FAILED: "It did not work",
+    }
+    headline = f"{words[level]}: {registered} of {total} frames are registered{_pieces(data)}"
+    return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(_advice(data, edges.worst_first, loose)))
+
+
+def _loose(data: ReportData) -> bool:
+    kept = data.edges.worst_first
+    if not len(kept):
+        return False
+    return bool(np.median(data.edges.rot_deg[kept]) > LOOSE_DEG or np.median(data.edges.trans_m[kept]) > LOOSE_M)
+
+
+def pieces(data: ReportData) -> list[int]:
+    """Sizes of the separate pieces of two frames or more, the registered one first."""
+    named = [c for c in data.frames.component if c not in ("", "-1")]
+    return [size for _, size in sorted(Counter(named).items(), key=lambda item: -item[1]) if size > 1]
+
+
+def _pieces(data: ReportData) -> str:
+    others = pieces(data)[1:]
+    if not others:
+        return " in one piece." if data.frames.registered.any() else "."
+    return f"; {sum(others)} more hang together in {len(others)} separate piece{'s' * (len(others) > 1)}."
+
+
+def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
+    edges = data.edges
+    facts = []
+    if len(edges):
+        counts = Counter(text.split()[0].rstrip(":") if text else "unknown" for text in edges.verdict)
+        listed = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+        facts.append(f"{len(edges)} pairs of frames have enough matches: {listed}.")
+    kept = edges.worst_first
+    if len(kept):
+        worst = kept[0]
+        facts.append(
+            f"Edges disagree with the final poses by {np.median(edges.rot_deg[kept]):.2f} deg and "
+            f"{100 * np.median(edges.trans_m[kept]):.1f} cm (median); the worst is {edges.i[worst]}–{edges.j[worst]} "
+            f"with {edges.rot_deg[worst]:.2f} deg and {100 * edges.trans_m[worst]:.1f} cm."
+        )
+    if evaluation:
+        numbers = evaluation.numbers
+        facts.append(
+            f"Against the ground truth: position error {100 * numbers['ate_rmse_m']:.2f} cm RMSE, "
+            f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
+            f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
+        )
+    facts += [
+        f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
+        for reason, lost in left_out(data)[:3]
+    ]
+    return facts
+
+
+def left_out(data: ReportData) -> list[tuple[str, NDArray[np.int64]]]:
+    """(reason, frame numbers) of the frames without a pose, the most frequent reason first."""
+    reasons: dict[str, list[int]] = {}
+    for k in np.flatnonzero(~data.frames.registered).tolist():
+        reasons.setdefault(data.frames.reason[k] or "the reason is not known", []).append(k)
+    return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
+
+
+def _advice(data: ReportData, kept: NDArray[np.int64], loose: bool) -> list[str]:
+    frames, edges, advice = data.frames, data.edges, []
+    if _median(frames.keypoints) < FEW_KEYPOINTS:
+        advice.append(
+            f"Few features ({_median(frames.keypoints):.0f} a frame at the median): more light, a slower camera and "
+            "less plain walls help; so may another detector (--features orb) or --config accurate."
+        )
+    if _median(frames.depth_valid_share) < FEW_READINGS:
+        advice.append(
+            f"Depth has readings in only {100 * _median(frames.depth_valid_share):.0f} % of the pixels: stay within "
+            "the sensor's range, and check the depth folder."
+        )
+    depth = _median(frames.median_depth_m)
+    if not NEAR_M <= depth <= FAR_M and np.isfinite(depth):
+        advice.append(
+            f"The median depth is {depth:.2f} m, unusual for such a recording: check depth_scale (units a metre) "
+            "in the camera file."
+        )
+    if not frames.registered.all() and len(pieces(data)) > 1:
+        advice.append(
+            "The pieces have no verified edge between them: record a frame that shows parts of both, "
+            "or keep more frames (--max-frames) where the camera moved fast."
+        )
+    if len(edges) and edges.rejected.mean() > 0.5:
+        advice.append(
+            f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected: repeated texture or things that move. "
+            "Masks (a mask/ folder beside rgb/) keep moving things out."
+        )
+    if len(frames) > 2 and not len(edges):
+        advice.append("No two frames share enough matches: do they show the same place, at more than a third overlap?")
+    if loose:
+        advice.append(
+            "The disagreement is far above a depth camera's noise: check the camera (focal length, distortion, "
+            "depth_scale), and whether depth is registered to colour (`miniloop inspect`)."
+        )
+    if not advice and len(kept) < 2 * len(frames):
+        advice.append("Few edges hold the frames together: a recording that returns to known places is more accurate.")
+    return advice
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def runs(numbers: NDArray[np.int64], most: int = 12) -> str:
+    """Sorted whole numbers as "3, 7–9, 12", cut off after `most` runs."""
+    groups = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    words = [f"{g[0]}" if len(g) == 1 else f"{g[0]}–{g[-1]}" for g in groups[:most]]
+    return ", ".join(words) + (f" and {len(groups) - most} more runs" if len(groups) > most else "")

@@ -1,0 +1,196 @@
+"""The page: what it says, that it needs nothing from outside, and that nothing from outside gets to run in it."""
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.report import write_report
+from miniloop_cli.report.data import load
+from miniloop_cli.report.verdict import FAILED, GOOD, PARTLY, judge, runs
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, and the visible text."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.elements, self.text, self.open = [], "", []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.open:
+            while self.open.pop() != tag:
+                pass
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self.open):
+            self.text += data
+
+    def count(self, tag):
+        return sum(name == tag for name, _ in self.elements)
+
+
+def test_everything_is_on_the_page(run):
+    path = write_report(run.results, run.sequence)
+    assert path == run.results / "report.html"
+    page = Page(path.read_text())
+    assert "7 of 8 frames are registered" in page.text
+    titles = ["Trajectory", "Model", "Overlap", "Edges", "Worst edges", "Frames", "Run", "Timings", "Camera"]
+    for title in titles:
+        assert title in page.text
+    assert "Against the ground truth: position error 0.00 cm RMSE" in page.text
+    assert "took a camera" in page.text
+    assert page.count("img") == 2 + 9 + 1  # the model twice, every verified edge, the frame without a pose
+    assert page.count("svg") == 2 + 2 + 1 + 3
+    assert path.stat().st_size < 5e6
+
+
+def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
+    page = Page(write_report(run.results, run.sequence).read_text())
+    assert page.count("script") == 2  # the rows of the edge table and the page's own
+    assert "b" not in {tag for tag, _ in page.elements}
+    assert '<script>document.title="owned"</script>' in page.text  # shown, not run
+    for tag, attributes in page.elements:
+        assert not any(name.startswith("on") for name in attributes), tag
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:image/").startswith("data:image/")
+    assert not re.search(r"url\(|@import|https?://", write_report(run.results).read_text())
+
+
+def test_the_same_run_gives_the_same_bytes(run):
+    first = write_report(run.results, run.sequence).read_bytes()
+    assert write_report(run.results, run.sequence).read_bytes() == first
+
+
+def test_a_run_without_any_pose_still_says_why(run):
+    for name in ("trajectory.txt", "cloud.ply", "inliers.npz", "summary.json", "config.yaml", "log.txt"):
+        (run.results / name).unlink()
+    header = (run.results / "edges.csv").read_text().splitlines()[0]
+    (run.results / "edges.csv").write_text(header + "\n")
+    frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,no depth").replace(",500,", ",20,")
+    (run.results / "frames.csv").write_text(frames)
+    page = Page(write_report(run.results, run.sequence).read_text())
+    assert "It did not work: 0 of 8 frames are registered." in page.text
+    assert "7 frames without a pose (0–4, 6–7): no depth" in page.text
+    assert "Few features (20 a frame at the median)" in page.text
+    assert "No two frames share enough matches" in page.text
+
+
+def test_only_a_trajectory_is_enough(run):
+    for path in run.results.iterdir():
+        if path.name != "trajectory.txt":
+            path.unlink()
+    page = Page(write_report(run.results).read_text())
+    assert "7 of 7 frames" in page.text
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("edges.csv", b"i,j,timestamp_i,timestamp_j\n0,1.5,1,2\n"),
+        ("edges.csv", b"i,j,timestamp_i,timestamp_j\n-1,1,1,2\n"),
+        ("edges.csv", b"i,j,timestamp_i,timestamp_j,matches\n0,1,1,2,many\n"),
+        ("frames.csv", b"index,timestamp\n0\n"),
+        ("frames.csv", b"index,timestamp\n0,\xff\n"),
+        ("inliers.npz", b"no archive"),
+        ("inliers.npz", b""),
+        ("summary.json", b"{"),
+        ("trajectory.txt", b"1 2 3\n"),
+    ],
+)
+def test_malformed_files_are_named(run, name, content):
+    (run.results / name).write_bytes(content)
+    with pytest.raises(InputError, match=name.replace(".", r"\.")):
+        write_report(run.results, run.sequence)
+    assert not (run.results / "report.html").exists()
+
+
+def test_inliers_of_another_run_are_refused(run):
+    np.savez(run.results / "inliers.npz", offsets=np.array([0, 1]), px_i=np.zeros((1, 2)), px_j=np.zeros((1, 2)))
+    with pytest.raises(InputError, match="do not fit"):
+        write_report(run.results)
+
+
+def test_objects_in_inliers_are_never_unpickled(run):
+    np.savez(run.results / "inliers.npz", offsets=np.array([{}], object), px_i=np.zeros(1), px_j=np.zeros(1))
+    with pytest.raises(InputError, match=r"inliers\.npz"):
+        write_report(run.results)
+
+
+def test_a_broken_image_leaves_out_its_pictures_only(run):
+    for frame in run.sequence.frames[:3]:
+        frame.color_path.write_bytes(b"")
+    page = Page(write_report(run.results, run.sequence).read_text())
+    assert 3 < page.count("img") < 12
+
+
+def test_verdicts(run):
+    assert judge(load(run.results)).level == PARTLY
+    text = (run.results / "frames.csv").read_text()
+    (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
+    assert judge(load(run.results)).level == GOOD
+    (run.results / "frames.csv").write_text(text.replace(",1,0,", ",0,-1,"))
+    assert judge(load(run.results)).level == FAILED
+    (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
+    edges = (run.results / "edges.csv").read_text().replace("verified,,0.", "verified,,9.")
+    (run.results / "edges.csv").write_text(edges)
+    verdict = judge(load(run.results))
+    assert verdict.level == PARTLY
+    assert "doubtful" in verdict.headline
+    assert any("depth_scale" in advice for advice in verdict.advice)
+
+
+def test_separate_pieces_are_told(run):
+    text = (run.results / "frames.csv").read_text().splitlines()
+    text[-2:] = [line.replace(",1,0,", ",0,1,") for line in text[-2:]]
+    (run.results / "frames.csv").write_text("\n".join(text) + "\n")
+    verdict = judge(load(run.results))
+    assert "5 of 8 frames are registered; 2 more hang together in 1 separate piece." in verdict.headline
+    assert any("no verified edge between them" in advice for advice in verdict.advice)
+
+
+def test_runs():
+    assert runs(np.array([0, 2, 3, 4, 9])) == "0, 2–4, 9"
+    assert runs(np.array([0, 2, 4, 6]), most=2) == "0, 2 and 2 more runs"
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_in_a_browser(run, tmp_path):
+    path = write_report(run.results, run.sequence)
+    # A copy that sorts by inliers as a reader would, and then shows one frame's edges.
+    clicks = "document.querySelectorAll('th button')[3].click();"
+    clicks += "const only=document.getElementById('only');only.value='3';only.dispatchEvent(new Event('input'));"
+    clicked = tmp_path / "clicked.html"
+    clicked.write_text(path.read_text().replace("</body>", f"<script>{clicks}</script></body>"))
+    home = f"--user-data-dir={tmp_path / 'profile'}"
+    browser = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", home, "--window-size=500,2400"]
+    done = subprocess.run(
+        [*browser, "--enable-logging=stderr", "--dump-dom", clicked.as_uri()],
+        capture_output=True, text=True, check=True, timeout=120,
+    )  # fmt: skip
+    rows = re.search(r'id="edge-table".*?<tbody>(.*?)</tbody>', done.stdout, re.DOTALL).group(1)
+    cells = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", rows)]
+    expected = sorted((e["inliers"] for e in run.edges if 3 in (e["i"], e["j"])), reverse=True)
+    assert [int(row[3]) for row in cells] == expected
+    assert "<title>a room &lt;b&gt;" in done.stdout  # no foreign script has changed it
+    assert "Content Security Policy" not in done.stderr
+    assert "Uncaught" not in done.stderr
+    picture = tmp_path / "page.png"
+    command = [*browser, "--hide-scrollbars", f"--screenshot={picture}", path.as_uri()]
+    subprocess.run(command, capture_output=True, check=True, timeout=120)
+    seen = cv2.imread(str(picture))
+    assert seen.shape == (2400, 500, 3)
+    assert (seen.reshape(-1, 3) == (11, 142, 224)).all(axis=1).any()  # the verdict's amber bar
+    assert (seen[:, -3:] >= 240).all()  # nothing sticks out to the right of a phone's screen
