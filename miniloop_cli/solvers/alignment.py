@@ -67,6 +67,14 @@ def aligned(frame: Motion, points: Array, i: int) -> Point:
 
 
 @njit(**OPTIONS)
+def off_axis(frame: Motion, point: Point) -> bool:
+    """Whether a point in aligned coordinates is so far from the axis that a turn about it can be seen at all."""
+    radius2 = point[0] * point[0] + point[1] * point[1]
+    size2 = point[2] * point[2] + frame[9] * frame[9] + frame[10] * frame[10] + frame[11] * frame[11]
+    return radius2 > SHORTEST_BASELINE * SHORTEST_BASELINE * size2 and radius2 < math.inf
+
+
+@njit(**OPTIONS)
 def joint(H: Motion, G: Motion) -> Motion:
     """K = H G^-1: from the frame of the axis by which a scan is entered (G) to that by which it is left (H)."""
     x, y, z = G[9] - H[9], G[10] - H[10], G[11] - H[11]
@@ -131,6 +139,14 @@ def unapply(K: Motion, x: float, y: float, z: float) -> Point:
     """K^-1 (x, y, z)."""
     x, y, z = x - K[9], y - K[10], z - K[11]
     return K[0] * x + K[3] * y + K[6] * z, K[1] * x + K[4] * y + K[7] * z, K[2] * x + K[5] * y + K[8] * z
+
+
+@njit(**OPTIONS)
+def unit(z: complex) -> tuple[complex, bool]:
+    """z / |z|, a turn about z as a complex number; False if z has no direction."""
+    norm = math.sqrt(z.real * z.real + z.imag * z.imag)
+    scale = 1 / norm
+    return complex(z.real * scale, z.imag * scale), TINY < norm < math.inf
 
 
 @njit(**OPTIONS)

@@ -23,17 +23,19 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    TINY,
     Array,
     aligned,
     at,
     axis_frame,
     back_translation,
     joint,
+    off_axis,
     turned,
     turned_norm,
+    unit,
     write_edge,
 )
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
 
 MATCHES = (2, 2, 1)
 MAX_SOLUTIONS = 1
@@ -87,6 +89,8 @@ def solve(p: Array, q: Array, T: Array) -> int:
         return 0
     K2 = joint(H2, G2)
     a, b = aligned(H1, p, 4), aligned(G3, q, 4)
+    if not (off_axis(H1, a) and off_axis(G3, b)):
+        return 0
     z = turned(K2, 2, a)
     n = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
     radius2 = b[0] * b[0] + b[1] * b[1]
@@ -94,10 +98,25 @@ def solve(p: Array, q: Array, T: Array) -> int:
     n_row = scale * (n[0] - b[2] * z[0]), scale * (n[1] - b[2] * z[1]), scale * (n[2] - b[2] * z[2])
     cos_a, sin_a, found = nearest_on_circle(z, n_row, b[2], 0.5 * scale * (radius2 - b[2] * b[2]))
     x, y = at(turned(K2, 0, a), cos_a, sin_a), at(turned(K2, 1, a), cos_a, sin_a)
-    c, s = x * b[0] + y * b[1], x * b[1] - y * b[0]
-    norm = math.sqrt(c * c + s * s)
-    if not (found and norm > TINY):
+    turn, good = unit(complex(x, -y) * complex(b[0], b[1]))
+    if not (found and good):
         return 0
     write_edge(T, 0, 0, H1, G2, cos_a, sin_a)
-    write_edge(T, 0, 1, H2, G3, c / norm, s / norm)
+    write_edge(T, 0, 1, H2, G3, turn.real, turn.imag)
     return 1
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i])
+
+
+def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+    """Samples p, q (b, 5, 3) to solutions T (b, 1, 2, 3, 4) and counts (b,), one thread."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
+
+
+def cycle3(p: Array, q: Array, best: bool = False) -> Array:
+    """Scans 1 -> 2 -> 3 as (1, 2, 4, 4), or (0, 2, 4, 4), from matches p, q (5, 3) of 1-2, 2-3 (two each), 1-3."""
+    return run_single(solve_batch, MATCHES, p, q, best)

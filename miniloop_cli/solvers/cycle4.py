@@ -22,7 +22,6 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    TINY,
     Array,
     aligned,
     apply,
@@ -30,10 +29,13 @@ from miniloop_cli.solvers.alignment import (
     axis_frame,
     back_translation,
     joint,
+    off_axis,
     turned,
     turned_norm,
+    unit,
     write_edge,
 )
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
 
 MATCHES = (2, 2, 2, 1)
@@ -55,6 +57,8 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         return 0
     K2, K3 = joint(H2, G2), joint(H3, G3)
     a, b = aligned(H1, p, 6), aligned(G4, q, 6)
+    if not (off_axis(H1, a) and off_axis(G4, b)):
+        return 0
     vx, vy, vz = turned(K2, 0, a), turned(K2, 1, a), turned(K2, 2, a)
     vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
     u = back_translation(K3)
@@ -68,7 +72,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     # det times w: still finite where the matrix is nearly singular.
     wx = u[1] * z[0] - K3[7] * n[0], u[1] * z[1] - K3[7] * n[1], u[1] * z[2] - K3[7] * n[2]
     wy = K3[6] * n[0] - u[0] * z[0], K3[6] * n[1] - u[0] * z[1], K3[6] * n[2] - u[0] * z[2]
-    d2 = det * det
+    d2, sign = det * det, math.copysign(1.0, det)
     work = workspace()
     f, roots = np.empty(5), np.empty((4, 2))
     cc = wx[1] * wx[1] + wy[1] * wy[1] - d2 * (vx[1] * vx[1] + vy[1] * vy[1])
@@ -82,25 +86,42 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     for i in range(roots_on_circle(f, 2, nearly_real, work, roots)):
         ca, sa = roots[i, 0], roots[i, 1]
         x, y, zv = at(vx, ca, sa), at(vy, ca, sa), at(vz, ca, sa)
-        X, Y = at(wx, ca, sa) / det, at(wy, ca, sa) / det
-        cb, sb = x * X + y * Y, x * Y - y * X
-        norm_b = math.sqrt(cb * cb + sb * sb)
-        cb, sb = cb / norm_b, sb / norm_b
-        x, y, zv = apply(K3, cb * x - sb * y, sb * x + cb * y, zv)
-        cg, sg = x * b[0] + y * b[1], x * b[1] - y * b[0]
-        norm_g = math.sqrt(cg * cg + sg * sg)
-        if norm_b > TINY and norm_g > TINY:
+        X, Y = at(wx, ca, sa) * sign, at(wy, ca, sa) * sign
+        second, good_second = unit(complex(x, -y) * complex(X, Y))
+        cb, sb = second.real, second.imag
+        x, y, _ = apply(K3, cb * x - sb * y, sb * x + cb * y, zv)
+        third, good_third = unit(complex(x, -y) * complex(b[0], b[1]))
+        if good_second and good_third:
             write_edge(T, count, 0, H1, G2, ca, sa)
             write_edge(T, count, 1, H2, G3, cb, sb)
-            write_edge(T, count, 2, H3, G4, cg / norm_g, sg / norm_g)
+            write_edge(T, count, 2, H3, G4, third.real, third.imag)
             count += 1
     return count
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve(p: Array, q: Array, T: Array) -> int:
     """p, q (7, 3) matches of the edges 1-2, 2-3, 3-4 (two each) and 1-4; T (4, 3, 3, 4) receives 1 -> 2 -> 3 -> 4.
 
     Returns the number of solutions, 0 to 4.
     """
     return solve_within(p, q, T, NEARLY_REAL)
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
+
+
+def solve_batch(p: Array, q: Array, nearly_real: float = NEARLY_REAL) -> tuple[Array, Counts]:
+    """Samples p, q (b, 7, 3) to solutions T (b, 4, 3, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
+
+
+def cycle4(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 3, 4, 4) of scans 1 -> 2 -> 3 -> 4 from matches p, q (7, 3) of 1-2, 2-3, 3-4 (two each), 1-4.
+
+    `best` keeps the one of least residual, which on exact data is an arbitrary one: no match is redundant.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

@@ -31,7 +31,6 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    TINY,
     Array,
     Motion,
     Point,
@@ -40,57 +39,22 @@ from miniloop_cli.solvers.alignment import (
     axis_frame,
     back_translation,
     joint,
+    off_axis,
     turned,
     turned_norm,
     unapply,
+    unit,
     write_edge,
 )
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
 from miniloop_cli.solvers.closing import close_loop
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
+from miniloop_cli.solvers.waves import Waves, conj, mix, norm_excess, product, value, waves
 
 MATCHES = (2, 2, 2, 2, 2)
 MAX_SOLUTIONS = 8
 # Sine of the angle between two axes, times that of their distance's, below which a constant matrix is singular.
 SINGULAR = 1e-10
-Waves = tuple[complex, complex, complex]
-
-
-@njit(**OPTIONS)
-def _waves(x: Point, y: Point) -> Waves:
-    """x + iy, coefficients of (1, cos a, sin a), as coefficients of e^{-ia}, 1, e^{ia}."""
-    return (
-        complex(0.5 * (x[1] - y[2]), 0.5 * (y[1] + x[2])),
-        complex(x[0], y[0]),
-        complex(0.5 * (x[1] + y[2]), 0.5 * (y[1] - x[2])),
-    )
-
-
-@njit(**OPTIONS)
-def _mix(s: complex, x: Waves, t: complex, y: Waves) -> Waves:
-    return s * x[0] + t * y[0], s * x[1] + t * y[1], s * x[2] + t * y[2]
-
-
-@njit(**OPTIONS)
-def _conj(x: Waves) -> Waves:
-    return x[2].conjugate(), x[1].conjugate(), x[0].conjugate()
-
-
-@njit(**OPTIONS)
-def _product(x: Waves, y: Waves) -> tuple[complex, complex, complex, complex, complex]:
-    """Coefficients of e^{-2ia} .. e^{2ia}."""
-    return (
-        x[0] * y[0],
-        x[0] * y[1] + x[1] * y[0],
-        x[0] * y[2] + x[1] * y[1] + x[2] * y[0],
-        x[1] * y[2] + x[2] * y[1],
-        x[2] * y[2],
-    )
-
-
-@njit(**OPTIONS)
-def _value(x: Waves, e: complex) -> complex:
-    """x at the angle e = e^{ia}."""
-    return x[0] * e.conjugate() + x[1] + x[2] * e
 
 
 @njit(**OPTIONS)
@@ -106,7 +70,7 @@ def _offset(
     """adj(M') e_i; z: of v_i, n: half of |v_i|^2 + |t|^2, z_value and n_value: the same of the other side."""
     e = K3[8] * z[0] + K3[11] - z_value, K3[8] * z[1], K3[8] * z[2]
     f = n[0] + u[2] * z[0] - n_value, n[1] + u[2] * z[1], n[2] + u[2] * z[2]
-    return _waves(
+    return waves(
         (M[3] * e[0] - M[1] * f[0], M[3] * e[1] - M[1] * f[1], M[3] * e[2] - M[1] * f[2]),
         (M[0] * f[0] - M[2] * e[0], M[0] * f[1] - M[2] * e[1], M[0] * f[2] - M[2] * e[2]),
     )
@@ -137,10 +101,15 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     G4, good_g4 = axis_frame(q, 4)
     H4, good_h4 = axis_frame(p, 6)
     G5, good_g5 = axis_frame(q, 6)
+    _, good_p = axis_frame(p, 8)
+    _, good_q = axis_frame(q, 8)
     if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4 and good_h4 and good_g5):
         return 0
     K2, K3, K4 = joint(H2, G2), joint(H3, G3), joint(H4, G4)
     p1, p2, q1, q2 = equidistant(aligned(H1, p, 8), aligned(H1, p, 9), aligned(G5, q, 8), aligned(G5, q, 9))
+    on_axis = not (off_axis(H1, p1) or off_axis(H1, p2)) or not (off_axis(G5, q1) or off_axis(G5, q2))
+    if on_axis or not (good_p and good_q):
+        return 0
     u, back = back_translation(K3), back_translation(K4)
     M = K3[6], K3[7], u[0], u[1]
     N = K4[2], K4[5], -K4[9], -K4[10]
@@ -157,59 +126,45 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     m, n = 0.5 * complex(a00 + a11, a10 - a01), 0.5 * complex(a00 - a11, a10 + a01)
     u2 = back_translation(K2)
     k2 = K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11] + t2
-    v1, v2 = _waves(turned(K2, 0, p1), turned(K2, 1, p1)), _waves(turned(K2, 0, p2), turned(K2, 1, p2))
+    v1, v2 = waves(turned(K2, 0, p1), turned(K2, 1, p1)), waves(turned(K2, 0, p2), turned(K2, 1, p2))
     c1, c2 = complex(q1[0], q1[1]), complex(q2[0], q2[1])
     z1, z2 = turned(K2, 2, p1), turned(K2, 2, p2)
     half1 = 0.5 * (q1[0] * q1[0] + q1[1] * q1[1] + q1[2] * q1[2] + s2) - K4[11] * q1[2]
     half2 = 0.5 * (q2[0] * q2[0] + q2[1] * q2[1] + q2[2] * q2[2] + s2) - K4[11] * q2[2]
     h1 = _offset(K3, u, z1, turned_norm(u2, k2, p1), K4[8] * q1[2] - back[2], half1, N)
     h2 = _offset(K3, u, z2, turned_norm(u2, k2, p2), K4[8] * q2[2] - back[2], half2, N)
-    P = _mix(m * c2, v1, -m * c1, v2)
-    Q = _mix(n * c2, _conj(v1), -n * c1, _conj(v2))
-    h = _mix(c1, h2, -c2, h1)
-    x, y = _product(_conj(P), h), _product(Q, _conj(h))
+    P = mix(m * c2, v1, -m * c1, v2)
+    Q = mix(n * c2, conj(v1), -n * c1, conj(v2))
+    h = mix(c1, h2, -c2, h1)
+    x, y = product(conj(P), h), product(Q, conj(h))
     B = x[0] - y[0], x[1] - y[1], x[2] - y[2], x[3] - y[3], x[4] - y[4]
-    x, y = _product(_conj(P), P), _product(_conj(Q), Q)
-    W = x[2].real - y[2].real, x[3] - y[3], x[4] - y[4]
+    x, y = product(conj(P), P), product(conj(Q), Q)
+    W = complex(x[2].real - y[2].real, 0.0), x[3] - y[3], x[4] - y[4]
 
     work = workspace()
     f, roots, found = np.empty(9), np.empty((8, 2)), np.empty((9, 8))
     order, residuals = np.empty(8, np.int64), np.empty(8)
-    # Coefficients of e^{ika} in |N|^2 - W^2, k = 0 .. 4.
-    W1, W2 = W[1].conjugate(), W[2].conjugate()
-    f[0] = -W[0] * W[0] - 2 * (W[1] * W1 + W[2] * W2).real
-    for k in range(5):
-        f[0] += (B[k] * B[k].conjugate()).real
-    f1 = B[1] * B[0].conjugate() + B[2] * B[1].conjugate() + B[3] * B[2].conjugate() + B[4] * B[3].conjugate()
-    f1 -= 2 * (W[0] * W[1] + W1 * W[2])
-    f2 = B[2] * B[0].conjugate() + B[3] * B[1].conjugate() + B[4] * B[2].conjugate() - 2 * W[0] * W[2] - W[1] * W[1]
-    f3 = B[3] * B[0].conjugate() + B[4] * B[1].conjugate() - 2 * W[1] * W[2]
-    f4 = B[4] * B[0].conjugate() - W[2] * W[2]
-    f[1], f[2], f[3], f[4] = 2 * f1.real, -2 * f1.imag, 2 * f2.real, -2 * f2.imag
-    f[5], f[6], f[7], f[8] = 2 * f3.real, -2 * f3.imag, 2 * f4.real, -2 * f4.imag
+    norm_excess(B, W, f)
 
     count = 0
     for i in range(roots_on_circle(f, 4, nearly_real, work, roots)):
         e = complex(roots[i, 0], roots[i, 1])
-        Pa, Qa, ha = _value(P, e), _value(Q, e), _value(h, e)
+        Pa, Qa, ha = value(P, e), value(Q, e), value(h, e)
         b = (Pa.conjugate() * ha - Qa * ha.conjugate()) * (abs(Pa) - abs(Qa))
-        norm_b = abs(b)
-        b /= norm_b
-        w1, w2 = _value(v1, e) * b, _value(v2, e) * b
+        b, good_b = unit(b)
+        w1, w2 = value(v1, e) * b, value(v2, e) * b
         zv1 = z1[0] + z1[1] * e.real + z1[2] * e.imag
         zv2 = z2[0] + z2[1] * e.real + z2[2] * e.imag
-        d = c1.conjugate() * (m * w1 + n * w1.conjugate() + _value(h1, e))
-        d += c2.conjugate() * (m * w2 + n * w2.conjugate() + _value(h2, e))
-        d *= det_n
-        norm_d = abs(d)
-        d /= norm_d
+        d = c1.conjugate() * (m * w1 + n * w1.conjugate() + value(h1, e))
+        d += c2.conjugate() * (m * w2 + n * w2.conjugate() + value(h2, e))
+        d *= math.copysign(1.0, det_n)
+        d, good_d = unit(d)
         x1, x2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
         w1, w2 = c1 * d, c2 * d
         y1, y2 = unapply(K4, w1.real, w1.imag, q1[2]), unapply(K4, w2.real, w2.imag, q2[2])
         g = complex(x1[0], -x1[1]) * complex(y1[0], y1[1]) + complex(x2[0], -x2[1]) * complex(y2[0], y2[1])
-        norm_g = abs(g)
-        g /= norm_g
-        if not (norm_b > TINY and norm_d > TINY and norm_g > TINY):
+        g, good_g = unit(g)
+        if not (good_b and good_d and good_g):
             continue
         found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e.real, e.imag, b.real, b.imag
         found[count, 4], found[count, 5], found[count, 6], found[count, 7] = g.real, g.imag, d.real, -d.imag
@@ -229,10 +184,29 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     return count
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve(p: Array, q: Array, T: Array) -> int:
     """p, q (10, 3) matches, two each of 1-2, 2-3, 3-4, 4-5, 1-5; T (8, 4, 3, 4) receives 1 -> 2 -> 3 -> 4 -> 5.
 
     Returns the number of solutions, 0 to 8, best closing residual first.
     """
     return solve_within(p, q, T, NEARLY_REAL)
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
+
+
+def solve_batch(p: Array, q: Array, nearly_real: float = NEARLY_REAL) -> tuple[Array, Counts]:
+    """Samples p, q (b, 10, 3) to solutions T (b, 8, 4, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
+
+
+def cycle5(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 4, 4, 4) of scans 1 -> .. -> 5, best first, from matches p, q (10, 3), two each of 1-2, .., 1-5.
+
+    `best` keeps the one of least residual, on exact data the true one.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

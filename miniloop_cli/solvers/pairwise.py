@@ -9,11 +9,10 @@ is a better axis. Filtered: coincident points, a third match on the axis.
 
 from __future__ import annotations
 
-import math
-
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, TINY, Array, aligned, frame_through, write_edge
+from miniloop_cli.solvers.alignment import OPTIONS, Array, aligned, frame_through, off_axis, unit, write_edge
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
 
 MATCHES = (3,)
 MAX_SOLUTIONS = 1
@@ -38,9 +37,24 @@ def solve(p: Array, q: Array, T: Array) -> int:
     H, good_h = frame_through(p, i, j)
     G, good_g = frame_through(q, i, j)
     a, b = aligned(H, p, k), aligned(G, q, k)
-    c, s = a[0] * b[0] + a[1] * b[1], a[0] * b[1] - a[1] * b[0]
-    norm = math.sqrt(c * c + s * s)
-    if not (good_h and good_g and norm > TINY):
+    turn, good = unit(complex(a[0], -a[1]) * complex(b[0], b[1]))
+    if not (good_h and good_g and off_axis(H, a) and off_axis(G, b) and good):
         return 0
-    write_edge(T, 0, 0, H, G, c / norm, s / norm)
+    write_edge(T, 0, 0, H, G, turn.real, turn.imag)
     return 1
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i])
+
+
+def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+    """Samples p, q (b, 3, 3) to solutions T (b, 1, 1, 3, 4) and counts (b,), one thread."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
+
+
+def pairwise(p: Array, q: Array, best: bool = False) -> Array:
+    """Scan 1 -> scan 2 as (1, 1, 4, 4), or (0, 1, 4, 4), from matches p, q (3, 3)."""
+    return run_single(solve_batch, MATCHES, p, q, best)

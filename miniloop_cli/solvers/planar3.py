@@ -1,8 +1,9 @@
 """Three scans with a known vertical, 1+1+1 matches (paper, sec. 3): at most 2 solutions (paper: 4).
 
-With t = q_1 - p_2, the way in scan 2 from the match by which it is left to the one by which it was entered, and the closing
-match (p, q) relative to p_1 and q_2, the xy parts as complex numbers obey q = B (t + A p), |A| = |B| = 1: a planar arm of two
-links that has to reach q. |t + A p| = |q| is the law of cosines: two mirrored A, and B = q / (t + A p).
+With t = q_1 - p_2, the way in scan 2 from the match by which it is left to the one by which it was entered, and the
+closing match (p, q) relative to p_1 and q_2, the xy parts as complex numbers obey q = B (t + A p), |A| = |B| = 1: a
+planar arm of two links that has to reach q. |t + A p| = |q| is the law of cosines: two mirrored A, then
+B = q / (t + A p).
 9 constraints on 8 degrees of freedom, but the ninth (z) does not tell the mirrored arms apart.
 Filtered: a match right above another in the same scan (no arm), arms out of reach.
 """
@@ -11,8 +12,9 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
-from miniloop_cli.solvers.upright import rise, turns_reaching, unit, write_upright, xy
+from miniloop_cli.solvers.alignment import OPTIONS, Array, unit
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.upright import finite, rise, turns_reaching, write_upright, xy
 
 MATCHES = (1, 1, 1)
 MAX_SOLUTIONS = 2
@@ -29,8 +31,27 @@ def solve(p: Array, q: Array, T: Array) -> int:
     for i in range(found):
         A = first if i == 0 else second
         B, good = unit(b * (t + A * a).conjugate())
-        if good:
+        if good and finite(p, q):
             write_upright(T, count, 0, p, q, A, up1 + spread)
             write_upright(T, count, 1, p, q, B, up2 + spread)
             count += 1
     return count
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i])
+
+
+def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+    """Samples p, q (b, 3, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
+
+
+def planar3(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 2, 4, 4) of scans 1 -> 2 -> 3 from matches p, q (3, 3) of 1-2, 2-3, 1-3; z is vertical.
+
+    `best` keeps the one of least residual, an arbitrary one: both fit equally well.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

@@ -1,11 +1,12 @@
 """Four scans with a known vertical, 1+1+1+2 matches: at most 2 solutions.
 
-The paper's 1+1+1+1 (sec. 3, "16 solutions") is under-determined: four matches give 8 equations in the plane for 9 unknowns, and
-the z rows say nothing about turns about z. It is a one-parameter family, not 16 poses. The second closing match makes it
-well posed: a planar arm of three links with a given hand pose. With t_i = q_{i-1} - p_i in scan i and the closing
-matches relative to p_1 and q_3, xy parts as complex numbers obey q_k = C (t_3 + B (t_2 + A p_k)), k = 1, 2. Their difference gives
-the turn of the hand, F = A B C = (q_2 - q_1) / (p_2 - p_1); then A B (q / F - p) = t_3 + B t_2 for the midpoints p, q, and
-|t_3 + B t_2| = |q / F - p| is the law of cosines: two mirrored B.
+The paper's 1+1+1+1 (sec. 3, "16 solutions") is under-determined: four matches give 8 equations in the plane for 9
+unknowns, and the z rows say nothing about turns about z. It is a one-parameter family, not 16 poses. The second closing
+match makes it well posed: a planar arm of three links with a given hand pose. With t_i = q_{i-1} - p_i in scan i and
+the closing matches relative to p_1 and q_3, xy parts as complex numbers obey
+    q_k = C (t_3 + B (t_2 + A p_k)),   k = 1, 2.
+Their difference gives the turn of the hand, F = A B C = (q_2 - q_1) / (p_2 - p_1); then A B (q / F - p) = t_3 + B t_2
+for the midpoints p, q, and |t_3 + B t_2| = |q / F - p| is the law of cosines: two mirrored B.
 Filtered: closing matches one above the other, t_2 or t_3 vertical (no link), arms out of reach.
 """
 
@@ -13,8 +14,9 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
-from miniloop_cli.solvers.upright import rise, turns_reaching, unit, write_upright, xy
+from miniloop_cli.solvers.alignment import OPTIONS, Array, unit
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.upright import finite, rise, turns_reaching, write_upright, xy
 
 MATCHES = (1, 1, 1, 2)
 MAX_SOLUTIONS = 2
@@ -22,7 +24,7 @@ MAX_SOLUTIONS = 2
 
 @njit(**OPTIONS)
 def solve(p: Array, q: Array, T: Array) -> int:
-    """p, q (5, 3) matches of 1-2, 2-3, 3-4, then two of 1-4; T (2, 3, 3, 4) receives 1 -> 2 -> 3 -> 4; returns 0 to 2."""
+    """p, q (5, 3) matches of 1-2, 2-3, 3-4, then two of 1-4; T (2, 3, 3, 4) gets 1 -> 2 -> 3 -> 4; returns 0 to 2."""
     t2, t3 = xy(q, 0) - xy(p, 1), xy(q, 1) - xy(p, 2)
     hand, good_hand = unit((xy(p, 4) - xy(p, 3)).conjugate() * (xy(q, 4) - xy(q, 3)))
     a, b = 0.5 * (xy(p, 3) + xy(p, 4)) - xy(p, 0), 0.5 * (xy(q, 3) + xy(q, 4)) - xy(q, 2)
@@ -35,9 +37,28 @@ def solve(p: Array, q: Array, T: Array) -> int:
     for i in range(found):
         B = first if i == 0 else second
         AB, good = unit((t3 + B * t2) * way.conjugate())
-        if good and good_hand:
+        if good and good_hand and finite(p, q):
             write_upright(T, count, 0, p, q, AB * B.conjugate(), up1 + spread)
             write_upright(T, count, 1, p, q, B, up2 + spread)
             write_upright(T, count, 2, p, q, hand * AB.conjugate(), up3 + spread)
             count += 1
     return count
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i])
+
+
+def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+    """Samples p, q (b, 5, 3) to solutions T (b, 2, 3, 3, 4) and counts (b,), one thread."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
+
+
+def planar4(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 3, 4, 4) of scans 1 -> .. -> 4 from matches p, q (5, 3) of 1-2, 2-3, 3-4, then two of 1-4.
+
+    z is vertical. `best` keeps the one of least residual, an arbitrary one: both fit equally well.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

@@ -1,8 +1,9 @@
 """What the solvers with a known vertical share: the axis z of every scan is the same, so one match replaces two.
 
-An edge turns about the vertical through its matched point: T_e = G^-1 L(theta) H with mere translations H (p to the origin)
-and G (q to the origin), so K_i = H_i G_i^-1 is a translation too. The xy parts of points are complex numbers, a turn is
-a unit factor. This serves planar motion (paper, sec. 3) and, as z stays free, known gravity: 4 degrees of freedom an edge.
+An edge turns about the vertical through its matched point: T_e = G^-1 L(theta) H with mere translations H (p to the
+origin) and G (q to the origin), so K_i = H_i G_i^-1 is a translation too. The xy parts of points are complex numbers,
+a turn is a unit factor. This serves planar motion (paper, sec. 3) and, as z stays free, known gravity: 4 degrees of
+freedom an edge.
 The z rows say nothing about the angles; what they miss to close is spread over the edges in the least-squares sense.
 """
 
@@ -12,7 +13,7 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, TINY, Array
+from miniloop_cli.solvers.alignment import OPTIONS, TINY, Array, unit
 from miniloop_cli.solvers.polynomials import NEARLY_REAL
 
 
@@ -26,13 +27,6 @@ def xy(points: Array, i: int) -> complex:
 def rise(p: Array, q: Array, i: int) -> float:
     """How much match i says z grows from p to q."""
     return q[i, 2] - p[i, 2]
-
-
-@njit(**OPTIONS)
-def unit(z: complex) -> tuple[complex, bool]:
-    """z / |z|; False if z has no direction."""
-    norm = math.sqrt(z.real * z.real + z.imag * z.imag)
-    return z / norm, TINY < norm < math.inf
 
 
 @njit(**OPTIONS)
@@ -52,6 +46,16 @@ def turns_reaching(s: complex, t: complex, reach: float) -> tuple[complex, compl
         return direction, direction, 1
     root = math.sqrt((1 - c) * (1 + c))
     return direction * complex(c, root), direction * complex(c, -root), 2
+
+
+@njit(**OPTIONS)
+def finite(p: Array, q: Array) -> bool:
+    """Whether all coordinates are: the lines above look only at some of them."""
+    total = 0.0
+    for i in range(p.shape[0]):
+        for k in range(3):
+            total += abs(p[i, k]) + abs(q[i, k])
+    return total < math.inf
 
 
 @njit(**OPTIONS)
