@@ -1,0 +1,133 @@
+"""Guided matching: with the relative pose known, a feature is looked for only where it must appear.
+
+The window is small, so few candidates compete: matches that the ratio test over the whole image had to refuse are
+found, features without a depth of their own can be matched, and the cost a pair is a fraction of a matrix product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+CELL_PX = 16.0
+
+
+def guided_match(
+    a: ScanFeatures,
+    b: ScanFeatures,
+    descriptors_a: NDArray[np.float32],
+    descriptors_b: NDArray[np.float32],
+    T_b_a: Floats,
+    camera: Camera,
+    radius_px: float,
+    ratio: float,
+    max_distance2: float,
+) -> Ints:
+    """Matches (m, 2) of the features of scans a and b whose relative pose T_b_a (4, 4) is known.
+
+    Each feature of a with depth is projected into b and compared with the features within `radius_px`; where both
+    have a depth, the depths must agree within 3 sigma and 5 %. The best candidate must be nearer than
+    `max_distance2` (squared descriptor distance) and `ratio` times the second best of the window. The same from b to
+    a; a pair is kept if one direction found it and the other did not find another.
+    """
+    T_a_b = np.linalg.inv(T_b_a)
+    forward = _direction(a, b, descriptors_a, descriptors_b, T_b_a, camera, radius_px, ratio, max_distance2)
+    backward = _direction(b, a, descriptors_b, descriptors_a, T_a_b, camera, radius_px, ratio, max_distance2)
+    return agreed(forward, backward)
+
+
+def _direction(
+    a: ScanFeatures,
+    b: ScanFeatures,
+    descriptors_a: NDArray[np.float32],
+    descriptors_b: NDArray[np.float32],
+    T_b_a: Floats,
+    camera: Camera,
+    radius_px: float,
+    ratio: float,
+    max_distance2: float,
+) -> Ints:
+    count = a.with_depth
+    p_b = camera.backproject(a.px_ideal[:count], a.z_m[:count]) @ T_b_a[:3, :3].T + T_b_a[:3, 3]
+    ahead = p_b[:, 2] > 0.05
+    px = np.full((count, 2), -1e6)
+    px[ahead] = camera.project(p_b[ahead])
+    tolerance_m = 3 * 2 * camera.noise.sigma_m(p_b[:, 2]) + 0.05 * p_b[:, 2]
+    order, start, columns = _grid(b.px_ideal, camera)
+    return search_windows(
+        px, p_b[:, 2], tolerance_m, descriptors_a, b.px_ideal, b.z_m, descriptors_b, order, start, columns,
+        radius_px, ratio, max_distance2,
+    )  # fmt: skip
+
+
+def _grid(px: Floats, camera: Camera) -> tuple[Ints, Ints, int]:
+    """Features sorted by cell: order (n,), start (cells + 1,), columns. Features outside lie in the border cells."""
+    columns, rows = int(camera.width // CELL_PX) + 1, int(camera.height // CELL_PX) + 1
+    x = np.clip(px[:, 0] // CELL_PX, 0, columns - 1).astype(np.int64)
+    y = np.clip(px[:, 1] // CELL_PX, 0, rows - 1).astype(np.int64)
+    cell = y * columns + x
+    return np.argsort(cell, kind="stable"), np.searchsorted(np.sort(cell), np.arange(rows * columns + 1)), columns
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def search_windows(
+    px: Floats,
+    z_m: Floats,
+    tolerance_m: Floats,
+    descriptors_a: NDArray[np.float32],
+    px_b: Floats,
+    z_b: Floats,
+    descriptors_b: NDArray[np.float32],
+    order: Ints,
+    start: Ints,
+    columns: int,
+    radius_px: float,
+    ratio: float,
+    max_distance2: float,
+) -> Ints:
+    """Best feature of b (n,) for each predicted pixel (n, 2) and depth (n,) of a's features; -1 where there is none."""
+    rows = (start.shape[0] - 1) // columns
+    found = np.full(px.shape[0], -1)
+    for k in range(px.shape[0]):
+        u, v = px[k, 0], px[k, 1]
+        left, right = int(np.floor((u - radius_px) / CELL_PX)), int(np.floor((u + radius_px) / CELL_PX))
+        top, bottom = int(np.floor((v - radius_px) / CELL_PX)), int(np.floor((v + radius_px) / CELL_PX))
+        if right < 0 or bottom < 0 or left >= columns or top >= rows:
+            continue
+        best, second, which = np.float32(3e38), np.float32(3e38), -1
+        for row in range(max(top, 0), min(bottom, rows - 1) + 1):
+            first = start[row * columns + max(left, 0)]
+            last = start[row * columns + min(right, columns - 1) + 1]
+            for at in range(first, last):
+                b = order[at]
+                if (px_b[b, 0] - u) ** 2 + (px_b[b, 1] - v) ** 2 > radius_px * radius_px:
+                    continue
+                if abs(z_b[b] - z_m[k]) > tolerance_m[k]:
+                    continue
+                distance = np.float32(0)
+                for d in range(descriptors_a.shape[1]):
+                    difference = descriptors_a[k, d] - descriptors_b[b, d]
+                    distance += difference * difference
+                if distance < best:
+                    best, second, which = distance, best, b
+                elif distance < second:
+                    second = distance
+        if which >= 0 and best < max_distance2 and best < ratio * ratio * second:
+            found[k] = which
+    return found
+
+
+def agreed(forward: Ints, backward: Ints) -> Ints:
+    """Pairs (m, 2) of the two directions' answers (n_a,), (n_b,) that no other answer contradicts, sorted."""
+    ab = np.stack([np.flatnonzero(forward >= 0), forward[forward >= 0]], axis=1)
+    ba = np.stack([backward[backward >= 0], np.flatnonzero(backward >= 0)], axis=1)
+    pairs = np.unique(np.concatenate([ab, ba]), axis=0)
+    once_a = np.bincount(pairs[:, 0], minlength=1)[pairs[:, 0]] == 1 if len(pairs) else np.zeros(0, bool)
+    once_b = np.bincount(pairs[:, 1], minlength=1)[pairs[:, 1]] == 1 if len(pairs) else np.zeros(0, bool)
+    return pairs[once_a & once_b]
