@@ -88,7 +88,7 @@ def evaluate(
     shared = {"association": protocol.association, "max_diff_s": protocol.max_diff_s, "max_gap_s": protocol.max_gap_s}
     edges = np.empty((0, 2)) if edge_stamps_s is None else edge_stamps_s
     pairs = {
-        "edges": (edge_rows(stamps, edges), "edges of the graph"),
+        "edges": (edge_rows(stamps, edges), "verified edges"),
         "consecutive": (consecutive_pairs(len(stamps)), "1 frame"),
         "seconds": (pairs_apart(stamps, protocol.delta_s), f"{protocol.delta_s:g} s +- 10 %"),
     }

@@ -68,7 +68,7 @@ class Results:
 
     @cached_property
     def edge_stamps_s(self) -> NDArray[np.float64]:
-        """(e, 2) time stamps of the two frames of every edge that was not rejected."""
+        """(e, 2) time stamps of the two frames of every verified edge."""
         return edge_stamps(self.edges, self.root / "edges.csv")
 
 
@@ -88,7 +88,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
-    """(e, 2) time stamps (s) of edges.csv rows, without those whose verdict is "rejected"."""
+    """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows where there is no verdict."""
     stamps = np.empty((len(rows), 2))
     kept = np.ones(len(rows), bool)
     for k, row in enumerate(rows):
@@ -96,7 +96,7 @@ def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
             stamps[k] = float(row["timestamp_i"]), float(row["timestamp_j"])
         except (KeyError, ValueError) as error:
             raise InputError(f"{path}, row {k + 2}: needs numbers in timestamp_i and timestamp_j ({error})") from error
-        kept[k] = not row.get("verdict", "").startswith("rejected")
+        kept[k] = row.get("verdict", "verified") == "verified"
     return stamps[kept & np.isfinite(stamps).all(axis=1)]
 
 

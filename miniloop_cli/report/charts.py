@@ -67,7 +67,7 @@ def overlap_matrix(edges: Edges, n: int) -> str:
     level = np.log1p(strength) / max(np.log1p(strength.max(initial=0)), 1.0)
     colors = cv2.applyColorMap(np.rint(255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
     colors[strength == 0] = 255
-    colors[rejected & (strength == 0)] = (224, 96, 80)
+    colors[rejected & (strength == 0)] = (244, 200, 192)
     chart = Chart(
         "Overlap matrix", (-0.5, n - 0.5), (-0.5, n - 0.5), "frame", "frame", equal=True, down=True, height=460
     )
@@ -81,7 +81,7 @@ def overlap_graph(edges: Edges, n: int, registered: NDArray[np.bool_]) -> str:
     size, radius = 460, 200
     angle = 2 * np.pi * np.arange(n) / max(n, 1)
     x, y = size / 2 + radius * np.sin(angle), size / 2 - radius * np.cos(angle)
-    inside = np.flatnonzero((edges.i < n) & (edges.j < n) & ~edges.rejected)
+    inside = np.flatnonzero((edges.i < n) & (edges.j < n) & edges.verified)
     if len(inside) > MOST_CHORDS:
         inside = inside[np.linspace(0, len(inside) - 1, MOST_CHORDS).astype(int)]
     drawn: dict[str, list[str]] = {}
@@ -106,8 +106,8 @@ def overlap_graph(edges: Edges, n: int, registered: NDArray[np.bool_]) -> str:
 
 
 def cycle_counts(edges: Edges) -> list[tuple[str, int, int]]:
-    """(solver, colour number, edges that were not rejected), the longest cycles first."""
-    counts = Counter(name for name, out in zip(edges.solver, edges.rejected, strict=True) if not out)
+    """(solver, colour number, verified edges), the longest cycles first."""
+    counts = Counter(name for name, kept in zip(edges.solver, edges.verified, strict=True) if kept)
     return sorted(((name, KINDS.get(name, 0), count) for name, count in counts.items()), key=lambda row: -row[1])
 
 
@@ -118,6 +118,8 @@ def frame_charts(frames: Frames) -> str:
         "Features": ("count", {"keypoints": frames.keypoints, "with depth": frames.with_depth}),
         "Pixels with depth": ("%", {"": 100 * frames.depth_valid_share}),
         "Median depth": ("m", {"": frames.median_depth_m}),
+        "Uncertainty of the position (1 sigma)": ("cm", {"": 100 * frames.sigma_trans_m}),
+        "Uncertainty of the rotation (1 sigma)": ("deg", {"": frames.sigma_rot_deg}),
     }
     charts = []
     for title, (unit, lines) in series.items():
@@ -139,7 +141,7 @@ def frame_charts(frames: Frames) -> str:
 
 
 def residual_chart(edges: Edges) -> str:
-    """Residual of every edge that was not rejected: rotation against translation."""
+    """Residual of every verified edge: rotation against translation."""
     kept = edges.worst_first
     if not len(kept):
         return ""

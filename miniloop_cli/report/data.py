@@ -40,25 +40,42 @@ class Edges:
     @cached_property
     def rejected(self) -> NDArray[np.bool_]:
         """(m,) whether an edge was rejected."""
-        return np.array([text.startswith("rejected") for text in self.verdict], bool)
+        return np.array([text == "rejected" for text in self.verdict], bool)
+
+    @cached_property
+    def verified(self) -> NDArray[np.bool_]:
+        """(m,) whether an edge belongs to the graph that the poses rest on."""
+        return np.array([text in ("verified", "") for text in self.verdict], bool)
+
+    @cached_property
+    def by_residual(self) -> Ints:
+        """All edges, the largest residual first, those without one last; 1 degree counts as 2 cm."""
+        score = self.rot_deg + 50 * self.trans_m
+        return np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
 
     @cached_property
     def worst_first(self) -> Ints:
-        """Edges that were not rejected and have residuals, the largest first; 1 degree counts as 2 cm."""
-        score = self.rot_deg + 50 * self.trans_m
-        order = np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
-        return order[np.isfinite(score[order]) & ~self.rejected[order]]
+        """Verified edges that have residuals, the largest first."""
+        order = self.by_residual
+        return order[self.verified[order] & np.isfinite(self.rot_deg + self.trans_m)[order]]
+
+
+FRAME_COLUMNS = (
+    "timestamp", "keypoints", "with_depth", "depth_valid_share", "median_depth_m", "sigma_rot_deg", "sigma_trans_m"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Columns of frames.csv, one entry a frame; NaN where a value is not known."""
+    """Columns of frames.csv, one entry a frame; NaN where a value is not known. The sigmas are of the pose."""
 
     timestamp_s: Floats
     keypoints: Floats
     with_depth: Floats
     depth_valid_share: Floats
     median_depth_m: Floats
+    sigma_rot_deg: Floats
+    sigma_trans_m: Floats
     registered: NDArray[np.bool_]
     component: list[str]
     reason: list[str]
@@ -69,7 +86,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class ReportData:
-    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) pixels of its inliers in both images."""
+    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j."""
 
     results: Results
     sequence: Sequence | None
@@ -116,11 +133,10 @@ def read_frames(results: Results) -> Frames:
     if not rows:
         stamps = results.trajectory.timestamps_s
         unknown, n = np.full(len(stamps), np.nan), len(stamps)
-        return Frames(stamps, unknown, unknown, unknown, unknown, np.ones(n, bool), ["0"] * n, [""] * n)
-    names = ("timestamp", "keypoints", "with_depth", "depth_valid_share", "median_depth_m")
+        return Frames(stamps, *[unknown] * (len(FRAME_COLUMNS) - 1), np.ones(n, bool), ["0"] * n, [""] * n)
     registered = np.array([row.get("registered", "").lower() in ("1", "true", "yes") for row in rows])
     text = [[row.get(name, "") for row in rows] for name in ("component", "reason")]
-    return Frames(*(numbers(rows, name, path) for name in names), registered, *text)
+    return Frames(*(numbers(rows, name, path) for name in FRAME_COLUMNS), registered, *text)
 
 
 def numbers(rows: list[dict[str, str]], name: str, path: Path) -> Floats:

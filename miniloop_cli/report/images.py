@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans import read_scan
-from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Sequence
 
 Image = NDArray[np.uint8]
@@ -27,28 +26,20 @@ def data_uri(rgb: Image, lossless: bool = False, quality: int = 82) -> str:
 
 
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, float] | None:
-    """Colour of a frame without lens distortion, `width` pixels wide, and its scale; None if it cannot be read."""
+    """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
     try:
         color = read_scan(sequence, index).color
     except (InputError, IndexError):
         return None
-    color = undistort(color, sequence.camera)
     scale = width / color.shape[1]
     size = (width, max(1, round(color.shape[0] * scale)))
     return cv2.resize(color, size, interpolation=cv2.INTER_AREA), scale
 
 
-def undistort(color: Image, camera: Camera) -> Image:
-    """The image an ideal pinhole camera of the same K would take: where matches are given in its pixels."""
-    if not any(camera.distortion):
-        return color
-    return cv2.undistort(color, camera.K, np.array(camera.distortion))
-
-
 def match_picture(
     sequence: Sequence, i: int, j: int, px_i: NDArray[np.float64], px_j: NDArray[np.float64], width: int = 480
 ) -> Image | None:
-    """Both images side by side, (k, 2) undistorted inlier pixels joined; None if an image cannot be read."""
+    """Both images side by side, (k, 2) measured inlier pixels joined; None if an image cannot be read."""
     left, right = frame_image(sequence, i, width), frame_image(sequence, j, width)
     if left is None or right is None:
         return None

@@ -113,7 +113,7 @@ def overlap_section(data: ReportData) -> str:
         f'<span class="key"><i class="k{number}"></i>{escape(name or "unknown")}: {count}</span>'
         for name, number, count in charts.cycle_counts(edges)
     )
-    graph = f"Frames in order of time around the circle; edges by the solver that found them.<br>{keys}"
+    graph = f"Frames in order of time around the circle; verified edges in the colour of the solver that found them.<br>{keys}"
     return section(
         "Overlap",
         '<div class="pair">',
@@ -124,11 +124,11 @@ def overlap_section(data: ReportData) -> str:
 
 
 def edge_rows(edges: Edges) -> list[list[Any]]:
-    """Rows of the sortable table, worst first, rejected ones last; None where there is no residual."""
-    worst = edges.worst_first
-    rest = np.setdiff1d(np.arange(len(edges)), worst)
+    """Rows of the sortable table: verified, weak, rejected, each worst first; None where there is no residual."""
+    order = edges.by_residual
+    rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     rows = []
-    for k in np.concatenate([worst, rest])[:MOST_ROWS]:
+    for k in order[np.argsort(rank, kind="stable")][:MOST_ROWS]:
         verdict = f"{edges.verdict[k]}: {edges.reason[k]}" if edges.reason[k] else edges.verdict[k]
         counts = [int(v) if np.isfinite(v) else None for v in (edges.matches[k], edges.inliers[k])]
         residuals = [round(float(v), 3) if np.isfinite(v) else None for v in (edges.rot_deg[k], 100 * edges.trans_m[k])]

@@ -15,6 +15,7 @@ GOOD, PARTLY, FAILED = "good", "partly", "failed"
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
 LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
 FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
+MOSTLY_REJECTED = 0.8  # chance matches make many pairs that are rejected, also in a good recording
 NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
 
 
@@ -30,7 +31,7 @@ class Verdict:
 
 def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
     """The verdict on a run, and on its trajectory where a ground truth was given."""
-    frames, edges = data.frames, data.edges
+    frames = data.frames
     total, registered = len(frames), int(frames.registered.sum())
     share = registered / total if total else 0.0
     loose = _loose(data)
@@ -41,7 +42,8 @@ def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
         FAILED: "It did not work",
     }
     headline = f"{words[level]}: {registered} of {total} frames are registered{_pieces(data)}"
-    return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(_advice(data, edges.worst_first, loose)))
+    advice = _scale_advice(data) + (_few_edges(data) if level == GOOD else _advice(data, loose))
+    return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
 
 
 def _loose(data: ReportData) -> bool:
@@ -75,7 +77,7 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
     if len(kept):
         worst = kept[0]
         facts.append(
-            f"Edges disagree with the final poses by {np.median(edges.rot_deg[kept]):.2f} deg and "
+            f"Verified edges disagree with the final poses by {np.median(edges.rot_deg[kept]):.2f} deg and "
             f"{100 * np.median(edges.trans_m[kept]):.1f} cm (median); the worst is {edges.i[worst]}–{edges.j[worst]} "
             f"with {edges.rot_deg[worst]:.2f} deg and {100 * edges.trans_m[worst]:.1f} cm."
         )
@@ -101,7 +103,22 @@ def left_out(data: ReportData) -> list[tuple[str, NDArray[np.int64]]]:
     return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
 
 
-def _advice(data: ReportData, kept: NDArray[np.int64], loose: bool) -> list[str]:
+def _scale_advice(data: ReportData) -> list[str]:
+    depth = _median(data.frames.median_depth_m)
+    if NEAR_M <= depth <= FAR_M or not np.isfinite(depth):
+        return []
+    words = f"The median depth is {depth:.2f} m, unusual for such a recording: check depth_scale (units a metre)"
+    return [f"{words} in the camera file; a wrong scale registers well and gives a model of the wrong size."]
+
+
+def _few_edges(data: ReportData) -> list[str]:
+    if len(data.edges.worst_first) >= 2 * len(data.frames):
+        return []
+    return ["Few edges hold the frames together: a recording that returns to known places is more accurate."]
+
+
+def _advice(data: ReportData, loose: bool) -> list[str]:
+    """What to try where it did not work, from what the frames and edges show."""
     frames, edges, advice = data.frames, data.edges, []
     if _median(frames.keypoints) < FEW_KEYPOINTS:
         advice.append(
@@ -113,18 +130,12 @@ def _advice(data: ReportData, kept: NDArray[np.int64], loose: bool) -> list[str]
             f"Depth has readings in only {100 * _median(frames.depth_valid_share):.0f} % of the pixels: stay within "
             "the sensor's range, and check the depth folder."
         )
-    depth = _median(frames.median_depth_m)
-    if not NEAR_M <= depth <= FAR_M and np.isfinite(depth):
-        advice.append(
-            f"The median depth is {depth:.2f} m, unusual for such a recording: check depth_scale (units a metre) "
-            "in the camera file."
-        )
     if not frames.registered.all() and len(pieces(data)) > 1:
         advice.append(
             "The pieces have no verified edge between them: record a frame that shows parts of both, "
             "or keep more frames (--max-frames) where the camera moved fast."
         )
-    if len(edges) and edges.rejected.mean() > 0.5:
+    if len(edges) and edges.rejected.mean() > MOSTLY_REJECTED:
         advice.append(
             f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected: repeated texture or things that move. "
             "Masks (a mask/ folder beside rgb/) keep moving things out."
@@ -136,8 +147,6 @@ def _advice(data: ReportData, kept: NDArray[np.int64], loose: bool) -> list[str]
             "The disagreement is far above a depth camera's noise: check the camera (focal length, distortion, "
             "depth_scale), and whether depth is registered to colour (`miniloop inspect`)."
         )
-    if not advice and len(kept) < 2 * len(frames):
-        advice.append("Few edges hold the frames together: a recording that returns to known places is more accurate.")
     return advice
 
 

@@ -51,7 +51,7 @@ def test_table_shows_the_protocol_and_fits(run_folder):
     out = CliRunner().invoke(cli, arguments, catch_exceptions=False).stdout
     assert "SE3" in out
     assert "nearest ground-truth sample within 20 ms" in out
-    assert "18 (edges of the graph)" in out
+    assert "18 (verified edges)" in out
     assert max(len(line) for line in out.splitlines()[1:]) <= 80
 
 

@@ -199,12 +199,12 @@ def test_newest_result(tmp_path):
     assert newest_result(tmp_path).name == "a"
 
 
-def test_rejected_edges_are_left_out(tmp_path):
+def test_the_graph_is_its_verified_edges(tmp_path):
     header = "i,j,timestamp_i,timestamp_j,verdict\n"
     (tmp_path / "edges.csv").write_text(
         header + "0,1,1.5,2.5,verified\n0,2,1.5,3.5,rejected: few inliers\n1,2,2.5,3.5,weak\n"
     )
-    assert Results(tmp_path).edge_stamps_s.tolist() == [[1.5, 2.5], [2.5, 3.5]]
+    assert Results(tmp_path).edge_stamps_s.tolist() == [[1.5, 2.5]]
     (tmp_path / "edges.csv").write_text(header + "0,1,x,2.5,verified\n")
     with pytest.raises(InputError, match="row 2"):
         _ = Results(tmp_path).edge_stamps_s
