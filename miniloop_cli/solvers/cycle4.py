@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from miniloop_cli.solvers.alignment import (
@@ -73,8 +72,8 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     wx = u[1] * z[0] - K3[7] * n[0], u[1] * z[1] - K3[7] * n[1], u[1] * z[2] - K3[7] * n[2]
     wy = K3[6] * n[0] - u[0] * z[0], K3[6] * n[1] - u[0] * z[1], K3[6] * n[2] - u[0] * z[2]
     d2, sign = det * det, math.copysign(1.0, det)
-    work = workspace()
-    f, roots = np.empty(5), np.empty((4, 2))
+    memory = workspace()
+    f, cosines, sines = memory[0], memory[1], memory[2]
     cc = wx[1] * wx[1] + wy[1] * wy[1] - d2 * (vx[1] * vx[1] + vy[1] * vy[1])
     ss = wx[2] * wx[2] + wy[2] * wy[2] - d2 * (vx[2] * vx[2] + vy[2] * vy[2])
     f[0] = wx[0] * wx[0] + wy[0] * wy[0] - d2 * (vx[0] * vx[0] + vy[0] * vy[0]) + 0.5 * (cc + ss)
@@ -83,8 +82,8 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     f[3] = 0.5 * (cc - ss)
     f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
     count = 0
-    for i in range(roots_on_circle(f, 2, nearly_real, work, roots)):
-        ca, sa = roots[i, 0], roots[i, 1]
+    for i in range(roots_on_circle(memory, 2, nearly_real)):
+        ca, sa = cosines[i], sines[i]
         x, y, zv = at(vx, ca, sa), at(vy, ca, sa), at(vz, ca, sa)
         X, Y = at(wx, ca, sa) * sign, at(wy, ca, sa) * sign
         second, good_second = unit(complex(x, -y) * complex(X, Y))

@@ -141,14 +141,13 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     x, y = product(conj(P), P), product(conj(Q), Q)
     W = complex(x[2].real - y[2].real, 0.0), x[3] - y[3], x[4] - y[4]
 
-    work = workspace()
-    f, roots, found = np.empty(9), np.empty((8, 2)), np.empty((9, 8))
+    memory, found = workspace(), np.empty((9, 8))
     order, residuals = np.empty(8, np.int64), np.empty(8)
-    norm_excess(B, W, f)
+    norm_excess(B, W, memory[0])
 
     count = 0
-    for i in range(roots_on_circle(f, 4, nearly_real, work, roots)):
-        e = complex(roots[i, 0], roots[i, 1])
+    for i in range(roots_on_circle(memory, 4, nearly_real)):
+        e = complex(memory[1, i], memory[2, i])
         Pa, Qa, ha = value(P, e), value(Q, e), value(h, e)
         b = (Pa.conjugate() * ha - Qa * ha.conjugate()) * (abs(Pa) - abs(Qa))
         b, good_b = unit(b)
@@ -168,7 +167,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
             continue
         found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e.real, e.imag, b.real, b.imag
         found[count, 4], found[count, 5], found[count, 6], found[count, 7] = g.real, g.imag, d.real, -d.imag
-        residual = close_loop(K2, K3, K4, p1, p2, q1, q2, found, count, work)
+        residual = close_loop(K2, K3, K4, p1, p2, q1, q2, found, count, memory[3:])
         k = count
         while k > 0 and residuals[k - 1] > residual:
             order[k], residuals[k] = order[k - 1], residuals[k - 1]

@@ -29,6 +29,8 @@ NEARLY_REAL = 0.2
 # Intervals of F' are halved at most so often: on the last ones F varies by less than rounding.
 DEPTH = 18
 SAMPLES = 16
+# A Newton step so short is the last: the next would be its square.
+CONVERGED = 1e-11
 TURN = np.exp(2j * np.pi * np.arange(SAMPLES) / SAMPLES)
 COS, SIN = TURN.real.copy(), TURN.imag.copy()
 
@@ -59,7 +61,7 @@ POWERS_4, BERNSTEIN_4 = _tables(4)
 def _bracketed(a: Array, n: int, lo: float, hi: float, f_lo: float) -> float:
     """Zero of the polynomial a[0] + .. + a[n] t^n in [lo, hi], over which its sign changes once; f_lo: value at lo."""
     t = 0.5 * (lo + hi)
-    for _ in range(60):
+    for _ in range(64):
         f, g = a[n], 0.0
         for i in range(n - 1, -1, -1):
             g = g * t + f
@@ -70,15 +72,10 @@ def _bracketed(a: Array, n: int, lo: float, hi: float, f_lo: float) -> float:
             lo = t
         else:
             hi = t
-        step = f / g
-        new = t - step
-        if not lo < new < hi:
-            if abs(step) < 4e-16:
-                return t
-            new = 0.5 * (lo + hi)
-        if abs(new - t) <= 2e-16:
+        new = t - f / g
+        if abs(new - t) < CONVERGED:
             return new
-        t = new
+        t = new if lo < new < hi else 0.5 * (lo + hi)
     return t
 
 
@@ -174,12 +171,13 @@ def _roots_on_half(
 
 
 @njit(**OPTIONS)
-def roots_on_circle(f: Array, d: int, nearly_real: float, work: Array, roots: Array) -> int:
-    """Angles at which f vanishes, as (cos, sin) in the rows of roots (2d, 2); returns how many.
+def roots_on_circle(memory: Array, d: int, nearly_real: float) -> int:
+    """How many angles there are at which f vanishes; memory[1] gets their cosines, memory[2] their sines.
 
-    f: C_0, C_1, S_1, ..., C_d, S_d (2d+1,) with d = 2 or 4, overwritten. work: scratch, see `workspace`.
+    memory[0]: C_0, C_1, S_1, ..., C_d, S_d of f, d = 2 or 4, overwritten; memory[3:] is scratch, see `workspace`.
     Zero for a polynomial that is not finite or vanishes identically.
     """
+    f, cosines, sines, work = memory[0], memory[1], memory[2], memory[3:]
     # Cut at the diameter whose ends are farthest from zero.
     best, cut, scale = -1.0, 0, 0.0
     for j in range(SAMPLES // 2):
@@ -213,7 +211,7 @@ def roots_on_circle(f: Array, d: int, nearly_real: float, work: Array, roots: Ar
             if count < 2 * d:
                 norm = 1 / (1 + t[i] * t[i])
                 c, s = (1 - t[i] * t[i]) * norm, 2 * t[i] * norm
-                roots[count, 0], roots[count, 1] = c * COS[m] - s * SIN[m], s * COS[m] + c * SIN[m]
+                cosines[count], sines[count] = c * COS[m] - s * SIN[m], s * COS[m] + c * SIN[m]
                 count += 1
         for k in range(1, d + 1, 2):
             f[2 * k - 1], f[2 * k] = -f[2 * k - 1], -f[2 * k]
@@ -222,5 +220,5 @@ def roots_on_circle(f: Array, d: int, nearly_real: float, work: Array, roots: Ar
 
 @njit(**OPTIONS)
 def workspace() -> Array:
-    """Scratch memory for roots_on_circle of any degree."""
-    return np.empty((DEPTH + 7, 12))
+    """Memory for one call of roots_on_circle: a single allocation, as that costs as much as a root."""
+    return np.empty((DEPTH + 10, 12))
