@@ -12,8 +12,10 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def shown(path: Path | str) -> str:
-    """A path for messages and reports: printable whatever bytes the name holds."""
-    text = os.fspath(path).encode("utf-8", "backslashreplace").decode("utf-8")
+    """A path for messages and reports: printable whatever bytes the name holds, and not endless."""
+    text = os.fspath(path)
+    text = text if len(text) <= 300 else f"{text[:140]}...{text[-140:]}"
+    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
 
 

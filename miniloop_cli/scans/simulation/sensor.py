@@ -44,7 +44,7 @@ def measure_depth(
 
     lost = (z <= 0) | (cosine < GRAZING_COSINE)
     lost |= _beside_edge(depth_m) & (rng.random((h, w)) < 0.7)
-    lost |= octaves(h, w, rng, 64, 0.6) > 2.6
+    lost |= octaves(h, w, rng, 64, 0.6) > 2.3
     return np.where(lost, 0, measured).astype(np.float32)
 
 
