@@ -6,7 +6,9 @@ import click
 
 from miniloop_cli.cli.main import CONTEXT, LazyGroup
 
-BENCHES: dict[str, str] = {}
+BENCHES: dict[str, str] = {
+    "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
+}
 
 
 @click.group(cls=LazyGroup, lazy=BENCHES, context_settings=CONTEXT)

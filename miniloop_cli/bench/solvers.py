@@ -1,0 +1,133 @@
+"""The minimal solvers on exact random problems: how many solutions, is the truth among them, how long does a call take.
+
+The paper's figure of the number of solutions and its table of computation times (sec. 5.1), for all solvers.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.bench.problems import random_problems
+from miniloop_cli.files import atomic_write
+from miniloop_cli.geometry import se3
+from miniloop_cli.solvers.batch import match_residuals
+
+Array = NDArray[np.float64]
+
+# Truth counts as found if rotation (largest entry) and translation (relative to the cube) agree so well.
+TOLERANCE = 1e-6
+CHUNK = 1000
+REPEATS = 3
+SINGLE_CALLS = 2000
+
+
+class Entry(NamedTuple):
+    """A solver under test, and what the paper says of it: microseconds a call in Matlab, maximum number of solutions."""
+
+    upright: bool = False
+    paper_us: float | None = None
+    paper_max_solutions: int | None = None
+
+
+# A solver is its module in miniloop_cli.solvers; to measure another one, name it here.
+SOLVERS: dict[str, Entry] = {
+    "pairwise": Entry(paper_us=39.2, paper_max_solutions=2),
+    "cycle3": Entry(paper_us=119.2, paper_max_solutions=4),
+    "cycle4": Entry(paper_us=3342.2, paper_max_solutions=16),
+    "cycle5": Entry(paper_us=24954.0, paper_max_solutions=32),
+    "planar2": Entry(upright=True, paper_max_solutions=2),
+    "planar3": Entry(upright=True, paper_max_solutions=4),
+    "planar4": Entry(upright=True),
+}
+
+
+def _seconds(call: Callable[[int], object], count: int) -> float:
+    """Time of call(0), .., call(count - 1), each the fastest of a few: other programs only ever slow it down."""
+    total = 0.0
+    for i in range(count):
+        fastest = np.inf
+        for _ in range(REPEATS):
+            start = time.perf_counter()
+            call(i)
+            fastest = min(fastest, time.perf_counter() - start)
+        total += fastest
+    return total
+
+
+def solver_row(name: str, problems: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Measure one solver of SOLVERS on `problems` exact random cycles in a unit cube."""
+    module, entry = importlib.import_module(f"miniloop_cli.solvers.{name}"), SOLVERS[name]
+    p, q, truth = random_problems(rng, module.MATCHES, problems, upright=entry.upright)
+    # Real solutions only: on exact data the real part of a complex pair is no solution.
+    exactly = {"nearly_real": 0.0} if hasattr(module, "solve_within") else {}
+    found, residual, histogram = 0, 0.0, np.zeros(module.MAX_SOLUTIONS + 1, np.int64)
+    for i in range(0, problems, CHUNK):
+        part = slice(i, i + CHUNK)
+        T, counts = module.solve_batch(p[part], q[part], **exactly)
+        histogram += np.bincount(counts, minlength=len(histogram))
+        error = np.abs(T - truth[part, None, :, :3]).max(axis=(2, 3, 4))
+        error[np.arange(module.MAX_SOLUTIONS) >= counts[:, None]] = np.inf
+        nearest, rows = error.argmin(axis=1), np.arange(len(counts))
+        solved = counts > 0
+        found += int((error[rows, nearest] < TOLERANCE).sum())
+        best = T[rows, nearest][solved]
+        distances = match_residuals(
+            se3.pose(best[..., :3], best[..., 3]), p[part][solved], q[part][solved], module.MATCHES
+        )
+        residual = max(residual, float(distances.max(initial=0.0)))
+    return {
+        "solver": name,
+        "matches": "+".join(map(str, module.MATCHES)),
+        "problems": problems,
+        "truth_found_share": found / problems,
+        "max_solutions": int(np.flatnonzero(histogram).max(initial=0)),
+        "solutions_bound": module.MAX_SOLUTIONS,
+        "paper_max_solutions": entry.paper_max_solutions,
+        "solutions_histogram": {str(k): int(n) for k, n in enumerate(histogram) if n},
+        "max_residual": residual,
+        **_timings(module, name, p, q),
+        "paper_us": entry.paper_us,
+    }
+
+
+def _timings(module: ModuleType, name: str, p: Array, q: Array) -> dict[str, float]:
+    """Microseconds a call, one thread: amortised in a batch, and of the plain Python entry."""
+    single = getattr(module, name)
+    single(p[0], q[0])
+    chunks = [(p[i : i + CHUNK], q[i : i + CHUNK]) for i in range(0, len(p), CHUNK)]
+    batch_s = _seconds(lambda i: module.solve_batch(*chunks[i]), len(chunks))
+    calls = min(SINGLE_CALLS, len(p))
+    single_s = _seconds(lambda i: single(p[i], q[i]), calls)
+    return {"us_per_call_batch": 1e6 * batch_s / len(p), "us_per_call_single": 1e6 * single_s / calls}
+
+
+def solver_rows(problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS)) -> list[dict[str, Any]]:
+    """One row a solver; each draws its problems from a generator of its own, so that rows do not depend on each other."""
+    return [solver_row(name, problems, np.random.default_rng([seed, list(SOLVERS).index(name)])) for name in names]
+
+
+def draw_histograms(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """The paper's figure: how often a solver has how many real solutions."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    width = 0.8 / len(rows)
+    for k, row in enumerate(rows):
+        numbers = np.array([int(number) for number in row["solutions_histogram"]])
+        shares = np.array(list(row["solutions_histogram"].values())) / row["problems"]
+        axes.bar(numbers + (k - 0.5 * (len(rows) - 1)) * width, 100 * shares, width, label=row["solver"])
+    axes.set(xlabel="real solutions", ylabel="problems [%]")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_title(f"Number of solutions of {rows[0]['problems']} random problems a solver")
+    axes.legend()
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=120)

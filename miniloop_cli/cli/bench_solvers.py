@@ -1,0 +1,56 @@
+"""`miniloop bench solvers`: solutions, accuracy and speed of the minimal solvers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from miniloop_cli.cli import options
+from miniloop_cli.cli.main import CONTEXT
+
+COLUMNS = {
+    "solver": "solver",
+    "matches": "matches",
+    "solutions_bound": "max",
+    "paper_max_solutions": "paper",
+    "max_solutions": "seen",
+    "truth_found_share": "truth found",
+    "max_residual": "residual",
+    "us_per_call_batch": "us batch",
+    "us_per_call_single": "us single",
+    "paper_us": "us paper",
+}
+
+
+@click.command(name="solvers", context_settings=CONTEXT)
+@click.option("--problems", type=click.IntRange(min=1), default=100_000, show_default=True, help="Problems a solver.")
+@options.output_dir("results/bench_solvers")
+@options.json_file
+@options.seed
+@options.quiet
+def bench_solvers(problems: int, output: Path | None, json_path: str | None, seed: int, quiet: bool) -> None:
+    """Minimal solvers on exact random cycles: number of solutions, truth found, time a call.
+
+    \b
+    Example:   miniloop bench solvers --problems 10000
+    """
+    from miniloop_cli.bench.solvers import SOLVERS, draw_histograms, solver_rows
+    from miniloop_cli.progress import track
+
+    rows = []
+    for name in track(list(SOLVERS), "Solvers", quiet=quiet):
+        rows += solver_rows(problems, seed, [name])
+    output = output or Path("results/bench_solvers")
+    options.write_rows(rows, output / "solvers.csv", json_path)
+    draw_histograms(rows, output / "solvers.png")
+    if json_path != "-":
+        click.echo("".join(f"{head:>12}" for head in COLUMNS.values()))
+        for row in rows:
+            click.echo("".join(f"{_text(row[key]):>12}" for key in COLUMNS))
+    if not quiet:
+        click.echo(f"Written: {output}/solvers.csv, {output}/solvers.png", err=True)
+
+
+def _text(value: object) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
