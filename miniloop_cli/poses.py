@@ -94,7 +94,7 @@ def _average_component(edges: Sequence[Edge], scans: Sequence[int], settings: Av
         pairs,
         T_j_i[:, :3, :3],
         inliers if robust else None,
-        loops=robust,
+        start="votes" if robust else "tree",
         scale_deg=settings.rotation_scale_deg,
     ).R_world_cam
     t_j_i, weights = _translations_given_rotations(edges, T_j_i, R, pairs)
