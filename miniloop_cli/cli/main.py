@@ -20,6 +20,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 COMMANDS = {
     "register": "miniloop_cli.cli.register:register",
     "eval": "miniloop_cli.cli.eval:evaluate",
+    "export": "miniloop_cli.cli.export:export",
+    "mesh": "miniloop_cli.cli.mesh:mesh",
     "simulate": "miniloop_cli.cli.simulate:simulate",
     "demo": "miniloop_cli.cli.demo:demo",
     "bench": "miniloop_cli.cli.bench:bench",

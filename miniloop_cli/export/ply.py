@@ -11,6 +11,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.files import atomic_write
 
 VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
+PRECISE_VERTEX = np.dtype([("xyz", "<f8", 3), ("rgb", "u1", 3)])
 FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 VERTEX_LINES = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
 FACE_LINE = "property list uchar int vertex_indices"
@@ -23,15 +24,19 @@ def write_ply(
     colors: NDArray[np.uint8],
     faces: NDArray[np.integer] | None = None,
     comment: str = "metres, world frame of trajectory.txt",
+    precise: bool = False,
 ) -> None:
-    """Write (n, 3) points (m), (n, 3) RGB and, for a mesh, (m, 3) vertex numbers a triangle."""
+    """Write (n, 3) points (m), (n, 3) RGB and, for a mesh, (m, 3) vertex numbers a triangle.
+
+    `precise`: coordinates as float64, which every reader takes but `read_ply`.
+    """
     points, colors = np.asarray(points), np.asarray(colors)
     if points.ndim != 2 or points.shape[1] != 3 or colors.shape != points.shape:
         raise ValueError(f"points and colors must both be (n, 3), got {points.shape} and {colors.shape}")
-    vertices = np.empty(len(points), VERTEX)
+    vertices = np.empty(len(points), PRECISE_VERTEX if precise else VERTEX)
     vertices["xyz"], vertices["rgb"] = points, colors
     header = ["ply", "format binary_little_endian 1.0", f"comment {comment}", f"element vertex {len(points)}"]
-    header += VERTEX_LINES
+    header += [line.replace("float", "double") for line in VERTEX_LINES] if precise else VERTEX_LINES
     if faces is not None:
         header += [f"element face {len(faces)}", FACE_LINE]
     with atomic_write(Path(path), "wb") as file:

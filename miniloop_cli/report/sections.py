@@ -113,7 +113,7 @@ def overlap_section(data: ReportData) -> str:
         f'<span class="key"><i class="k{number}"></i>{escape(name or "unknown")}: {count}</span>'
         for name, number, count in charts.cycle_counts(edges)
     )
-    graph = f"Frames in order of time around the circle; verified edges in the colour of the solver that found them.<br>{keys}"
+    graph = f"Frames in order of time around the circle; verified edges, coloured by their solver.<br>{keys}"
     return section(
         "Overlap",
         '<div class="pair">',

@@ -1,0 +1,81 @@
+"""`miniloop export`: a result in the formats of other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from miniloop_cli.cli.main import CONTEXT
+
+if TYPE_CHECKING:
+    from miniloop_cli.export.model import Model
+
+# Format: the function that writes it, and what it is.
+FORMATS = {
+    "tum": ("plain:write_tum", "trajectory.txt: timestamp tx ty tz qx qy qz qw"),
+    "kitti": ("plain:write_kitti", "poses.txt (3 x 4 matrices) and times.txt"),
+    "g2o": ("plain:write_graph", "graph.g2o: poses, edges and their information"),
+    "open3d": ("open3d_json:write_open3d", "pose_graph.json, camera_trajectory.json"),
+    "colmap": ("colmap:write_colmap", "undistorted images, text model, depth maps; needs the recording"),
+    "nerfstudio": ("nerfstudio:write_nerfstudio", "transforms.json with depth; needs the recording"),
+    "numpy": ("plain:write_numpy", "poses.npz"),
+    "ply": ("plain:write_clouds", "cameras.ply and cloud.ply"),
+}
+
+recording = click.option(
+    "--sequence",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="SEQ",
+    help="The recording that was registered (its images, its camera).",
+)
+layout = click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
+camera = click.option("--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) of SEQ.")
+
+
+@click.command(context_settings=CONTEXT, epilog="\b\n" + "\n".join(f"{k:<11} {v[1]}" for k, v in FORMATS.items()))
+@click.argument(
+    "result", metavar="[DIR]", required=False, type=click.Path(file_okay=False, exists=True, path_type=Path)
+)
+@click.option(
+    "--to", "formats", required=True, multiple=True, type=click.Choice(list(FORMATS)), help="May be repeated."
+)
+@click.option(
+    "-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Output folder [default: DIR/<format>]."
+)
+@recording
+@layout
+@camera
+def export(
+    result: Path | None,
+    formats: tuple[str, ...],
+    output: Path | None,
+    sequence: Path | None,
+    layout: str | None,
+    camera: Path | None,
+) -> None:
+    """Write the result in DIR (default: the newest) in the format of another tool.
+
+    \b
+    Example:   miniloop export results/desk --to colmap --sequence rgbd_dataset_freiburg1_desk
+    """
+    import importlib
+
+    model = open_model(result, sequence, layout, camera)
+    for name in formats:
+        module, function = FORMATS[name][0].split(":")
+        write = getattr(importlib.import_module(f"miniloop_cli.export.{module}"), function)
+        target = output / name if output and len(formats) > 1 else output or model.results.root / name
+        for path in write(model, target):
+            click.echo(path)
+
+
+def open_model(result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None) -> Model:
+    """The results folder, the newest by default, with the recording where it was given."""
+    from miniloop_cli.evaluation.results import Results, newest_result
+    from miniloop_cli.export.model import Model
+    from miniloop_cli.scans import open_sequence
+
+    opened = open_sequence(sequence, layout=layout, camera_path=camera) if sequence else None
+    return Model(Results(result or newest_result()), opened)

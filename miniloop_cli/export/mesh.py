@@ -1,0 +1,135 @@
+"""One surface from all scans: truncated signed distances (Curless & Levoy 1996) in Open3D's VoxelBlockGrid."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError, MiniloopError
+from miniloop_cli.export.model import Model
+from miniloop_cli.export.undistort import undistorter
+from miniloop_cli.geometry import se3
+from miniloop_cli.progress import track
+from miniloop_cli.scans import read_scan
+
+BLOCK = 16  # voxels a side
+# A block's voxels (distance and weight float32, colour 3 float32), and about as much again while the mesh is made.
+BYTES_A_BLOCK = BLOCK**3 * 20 * 2
+COARSER = 1.5  # what the voxel size grows by where memory does not suffice
+SYSTEM_PACKAGES = "libegl1 libgl1 libusb-1.0-0"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A coloured mesh, (n, 3) vertices (m), (n, 3) RGB, (m, 3) vertex numbers; its cloud; the voxel size it took."""
+
+    vertices: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+    points: NDArray[np.float32]
+    point_colors: NDArray[np.uint8]
+    voxel_m: float
+    skipped: tuple[str, ...] = ()
+
+
+def import_open3d() -> ModuleType:
+    """Open3D. Raises MiniloopError that names what to install."""
+    try:
+        return importlib.import_module("open3d")
+    except ModuleNotFoundError as error:
+        raise MiniloopError(f"meshes need open3d ({error}): pip install open3d") from error
+    except (ImportError, OSError) as error:
+        raise MiniloopError(
+            f"open3d cannot be loaded ({error}); on Debian and Ubuntu: apt-get install {SYSTEM_PACKAGES}"
+        ) from error
+
+
+def fuse(
+    model: Model,
+    voxel_m: float = 0.01,
+    max_depth_m: float = 4.0,
+    memory_mb: int = 3000,
+    min_weight: float = 3.0,
+    quiet: bool = False,
+) -> Surface:
+    """Fuse every registered scan. A voxel must be seen `min_weight` times to count.
+
+    Where the surface would need more than `memory_mb`, it is started again with voxels half as large again.
+    Raises MiniloopError if open3d cannot be imported or nothing was fused; frames that cannot be read are skipped.
+    """
+    o3d = import_open3d()
+    most_blocks = max(1, int(memory_mb * 1e6 / BYTES_A_BLOCK))
+    while True:
+        grid, skipped = integrate(o3d, model, voxel_m, max_depth_m, most_blocks, quiet)
+        if grid is not None:
+            break
+        voxel_m *= COARSER
+    if grid.hashmap().size() == 0:
+        raise MiniloopError(f"no scan has depth within {max_depth_m:g} m: nothing to fuse; see --max-depth")
+    mesh = grid.extract_triangle_mesh(weight_threshold=min_weight)
+    cloud = grid.extract_point_cloud(weight_threshold=min_weight)
+    vertices, triangles = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
+    if not len(triangles):
+        raise MiniloopError(f"no surface was seen {min_weight:g} times: too few scans; see --min-weight")
+    return Surface(
+        vertices,
+        to_bytes(mesh.vertex.colors.numpy()),
+        triangles.astype(np.int32),
+        cloud.point.positions.numpy(),
+        to_bytes(cloud.point.colors.numpy()),
+        voxel_m,
+        tuple(skipped),
+    )
+
+
+def integrate(
+    o3d: ModuleType, model: Model, voxel_m: float, max_depth_m: float, most_blocks: int, quiet: bool
+) -> tuple[Any, list[str]]:
+    """The filled grid, None if it needs more than `most_blocks`; and why frames were skipped."""
+    core = o3d.core
+    grid = o3d.t.geometry.VoxelBlockGrid(
+        attr_names=("tsdf", "weight", "color"),
+        attr_dtypes=(core.float32,) * 3,
+        attr_channels=((1,), (1,), (3,)),
+        voxel_size=voxel_m,
+        block_resolution=BLOCK,
+        block_count=min(most_blocks, 2000),
+    )
+    sequence = model.recording
+    undistort = undistorter(sequence.camera)
+    K = core.Tensor(sequence.camera.K)
+    poses = se3.inverse(model.trajectory.T_world_cam)
+    skipped: list[str] = []
+    jobs = list(zip(model.recording_rows.tolist(), poses, strict=True))
+    for k, T_cam_world in track(jobs, f"fusing at {1000 * voxel_m:.0f} mm", quiet=quiet):
+        try:
+            scan = undistort(read_scan(sequence, k))
+        except InputError as error:
+            skipped.append(str(error))
+            continue
+        if not ((scan.depth_m > 0) & (scan.depth_m < max_depth_m)).any():
+            continue
+        depth = o3d.t.geometry.Image(core.Tensor(np.ascontiguousarray(scan.depth_m)))
+        color = o3d.t.geometry.Image(core.Tensor(np.ascontiguousarray(scan.color, np.float32) / 255))
+        extrinsic = core.Tensor(np.ascontiguousarray(T_cam_world))
+        blocks = grid.compute_unique_block_coordinates(depth, K, extrinsic, 1.0, max_depth_m)
+        if grid.hashmap().size() + len(blocks) > most_blocks and exceeds(grid, blocks, most_blocks):
+            return None, skipped
+        grid.integrate(blocks, depth, color, K, K, extrinsic, 1.0, max_depth_m)
+    return grid, skipped
+
+
+def exceeds(grid: Any, blocks: Any, most_blocks: int) -> bool:
+    """Whether the grid would hold more than `most_blocks` with these blocks."""
+    known = grid.hashmap().find(blocks)[1].numpy()
+    return grid.hashmap().size() + int((~known).sum()) > most_blocks
+
+
+def to_bytes(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Colours from [0, 1] to [0, 255]."""
+    return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)

@@ -1,0 +1,84 @@
+"""What an export needs of a run: poses with their frame numbers, the pose graph, and where asked the recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.association import nearest
+from miniloop_cli.evaluation.results import Results
+from miniloop_cli.export.g2o import PoseGraph, read_g2o
+from miniloop_cli.scans.sequence import Sequence, Trajectory
+
+SAME_STAMP_S = 1e-4
+
+
+@dataclass(frozen=True)
+class Model:
+    """A results folder and, for formats that need images or the camera, its recording."""
+
+    results: Results
+    sequence: Sequence | None = None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Stamps (s) and T_world_cam of the registered frames."""
+        return self.results.trajectory
+
+    @cached_property
+    def frame_numbers(self) -> NDArray[np.int64]:
+        """(n,) number in the recording of each pose: by frames.csv, else by the recording, else 0, 1, 2 ..."""
+        stamps = self.trajectory.timestamps_s
+        if self.results.frames:
+            known = np.array([float(row["timestamp"]) for row in self.results.frames])
+        elif self.sequence:
+            return self.recording_rows
+        else:
+            return np.arange(len(stamps))
+        return rows_of(known, stamps, self.results.root / "frames.csv")
+
+    @cached_property
+    def graph(self) -> PoseGraph:
+        """graph.g2o with the poses of trajectory.txt; without the file, a graph of poses only."""
+        path, T = self.results.root / "graph.g2o", self.trajectory.T_world_cam
+        if not path.is_file():
+            nothing = np.empty((0, 6, 6))
+            return PoseGraph(self.frame_numbers, T, np.empty((0, 2), np.int64), nothing[:, :4, :4], nothing)
+        graph = read_g2o(path)
+        if not np.isin(graph.pairs, self.frame_numbers).all():
+            raise InputError(f"{path} has edges of frames that are not in trajectory.txt: files of different runs")
+        return PoseGraph(self.frame_numbers, T, graph.pairs, graph.T_j_i, graph.information)
+
+    @cached_property
+    def pair_rows(self) -> NDArray[np.int64]:
+        """(m, 2) the graph's edges as rows of the trajectory."""
+        return np.searchsorted(self.frame_numbers, self.graph.pairs)
+
+    @property
+    def recording(self) -> Sequence:
+        """The sequence. Raises InputError where it was not given."""
+        if self.sequence is None:
+            raise InputError("this format needs the images and the camera: give the recording with --sequence")
+        return self.sequence
+
+    @cached_property
+    def recording_rows(self) -> NDArray[np.int64]:
+        """(n,) index into the recording's frames of each pose, by time stamp."""
+        known = np.array([frame.timestamp_s for frame in self.recording.frames])
+        return rows_of(known, self.trajectory.timestamps_s, self.recording.root)
+
+
+def rows_of(known_s: NDArray[np.float64], stamps_s: NDArray[np.float64], where: Path) -> NDArray[np.int64]:
+    """(n,) row of each stamp among the sorted known ones. Raises InputError for a stamp that is not among them."""
+    if not len(known_s):
+        raise InputError(f"{where} has no frames")
+    rows = nearest(known_s, stamps_s)
+    strange = np.flatnonzero(np.abs(known_s[rows] - stamps_s) > SAME_STAMP_S)
+    if len(strange):
+        raise InputError(f"trajectory.txt has stamp {stamps_s[strange[0]]:.6f}, {where} has not: another recording?")
+    return rows

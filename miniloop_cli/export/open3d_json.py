@@ -1,0 +1,75 @@
+"""Open3D's JSON files, written without Open3D: camera trajectory and pose graph.
+
+Matrices are column-major lists. A trajectory's `extrinsic` is world to camera; a node's `pose` is camera to world;
+an edge's `transformation` maps points of the source scan into the target scan, with the information of
+(rotation, translation), rotation first.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.export.model import Model
+from miniloop_cli.files import atomic_write
+from miniloop_cli.geometry import se3
+
+VERSION = {"version_major": 1, "version_minor": 0}
+
+
+def write_open3d(model: Model, folder: Path) -> list[Path]:
+    """pose_graph.json (node k is pose k of trajectory.txt) and, with the recording, camera_trajectory.json."""
+    written = [write_json(folder / "pose_graph.json", pose_graph(model))]
+    if model.sequence:
+        written.append(write_json(folder / "camera_trajectory.json", camera_trajectory(model)))
+    return written
+
+
+def camera_trajectory(model: Model) -> dict[str, Any]:
+    """A PinholeCameraTrajectory; distortion has no place in it."""
+    camera = model.recording.camera
+    intrinsic = {"width": camera.width, "height": camera.height, "intrinsic_matrix": column_major(camera.K)}
+    parameters = [
+        {"class_name": "PinholeCameraParameters", "extrinsic": column_major(T), "intrinsic": intrinsic} | VERSION
+        for T in se3.inverse(model.trajectory.T_world_cam)
+    ]
+    return {"class_name": "PinholeCameraTrajectory", "parameters": parameters} | VERSION
+
+
+def pose_graph(model: Model) -> dict[str, Any]:
+    """A PoseGraph; all edges but those between neighbours in time are uncertain: the ones that Open3D may prune."""
+    graph = model.graph
+    nodes = [
+        {"class_name": "PoseGraphNode", "pose": column_major(T), "frame": frame} | VERSION
+        for frame, T in zip(graph.ids.tolist(), graph.T_world_cam, strict=True)
+    ]
+    edges = [
+        {
+            "class_name": "PoseGraphEdge",
+            "source_node_id": i,
+            "target_node_id": j,
+            "transformation": column_major(T),
+            "information": column_major(information),
+            "uncertain": j - i != 1,
+            "confidence": 1.0,
+        }
+        | VERSION
+        for (i, j), T, information in zip(model.pair_rows.tolist(), graph.T_j_i, graph.information, strict=True)
+    ]
+    return {"class_name": "PoseGraph", "nodes": nodes, "edges": edges} | VERSION
+
+
+def column_major(M: NDArray[np.float64]) -> list[float]:
+    """(r, c) matrix as Eigen stores it."""
+    return M.ravel(order="F").tolist()
+
+
+def write_json(path: Path, data: dict[str, Any]) -> Path:
+    """Write JSON, whole or not at all."""
+    with atomic_write(path) as file:
+        json.dump(data, file, indent=1, allow_nan=False)
+    return path
