@@ -16,17 +16,17 @@ from miniloop_cli.averaging.graph import Floats, Ints
 Quaternion = tuple[float, float, float, float]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def load(q: Floats, i: int) -> Quaternion:
     return q[i, 0], q[i, 1], q[i, 2], q[i, 3]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def conjugate(a: Quaternion) -> Quaternion:
     return a[0], -a[1], -a[2], -a[3]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -36,7 +36,7 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def angle(a: Quaternion) -> float:
     """Rotation angle in rad, 0..pi, accurate at both ends."""
     return 2 * math.atan2(math.sqrt(a[1] * a[1] + a[2] * a[2] + a[3] * a[3]), abs(a[0]))
@@ -81,86 +81,3 @@ def chain(pairs: Ints, q_j_i: Floats, order: Ints, via: Ints) -> Floats:
             a = product(load(q, pairs[e, 0]), conjugate(load(q_j_i, e)))
         q[v, 0], q[v, 1], q[v, 2], q[v, 3] = a
     return q
-
-
-@njit(cache=True, nogil=True)
-def loop_error(
-    pairs: Ints, q_j_i: Floats, weights: Floats, start: Ints, neighbour: Ints, edge: Ints, error: Floats, beta: float
-) -> Floats:
-    """One pass of cycle-edge message passing over triangles (Lerman & Shi 2022): a new error (m,) rad of every edge.
-
-    The loop angles of an edge's triangles, averaged with weight w exp(-beta (sum of the other two edges' errors));
-    NaN in no triangle. At most 64 triangles an edge, evenly spaced.
-    """
-    out = np.empty(len(pairs))
-    mine = np.empty((2, np.diff(start).max()), dtype=np.int64)
-    for e in range(len(pairs)):
-        i, j = pairs[e, 0], pairs[e, 1]
-        common, a, b = 0, start[i], start[j]
-        while a < start[i + 1] and b < start[j + 1]:
-            if neighbour[a] < neighbour[b]:
-                a += 1
-            elif neighbour[a] > neighbour[b]:
-                b += 1
-            else:
-                if weights[edge[a]] > 0 and weights[edge[b]] > 0:
-                    mine[0, common], mine[1, common] = edge[a], edge[b]
-                    common += 1
-                a += 1
-                b += 1
-        total = weighted = 0.0
-        for k in range(0, common, 1 + common // 64):
-            ik, jk = mine[0, k], mine[1, k]
-            k_i, k_j = load(q_j_i, ik), load(q_j_i, jk)
-            if pairs[ik, 1] == i:
-                k_i = conjugate(k_i)
-            if pairs[jk, 1] == j:
-                k_j = conjugate(k_j)
-            loop = angle(product(conjugate(k_i), product(k_j, load(q_j_i, e))))
-            w = min(weights[ik], weights[jk]) * math.exp(-beta * (error[ik] + error[jk]))
-            total += w
-            weighted += w * loop
-        out[e] = weighted / total if total > 0 else np.nan
-    return out
-
-
-@njit(cache=True, nogil=True)
-def kruskal(count: int, pairs: Ints, order: Ints) -> Ints:
-    """Edges (count - 1,) of the spanning tree that takes edges in `order`; shorter where not connected."""
-    parent = np.arange(count)
-    tree = np.empty(max(count - 1, 0), dtype=np.int64)
-    taken = 0
-    for e in order:
-        i, j = pairs[e, 0], pairs[e, 1]
-        while parent[i] != i:
-            parent[i] = parent[parent[i]]
-            i = parent[i]
-        while parent[j] != j:
-            parent[j] = parent[parent[j]]
-            j = parent[j]
-        if i != j:
-            parent[i] = j
-            tree[taken] = e
-            taken += 1
-    return tree[:taken]
-
-
-@njit(cache=True, nogil=True)
-def breadth_first(start: Ints, neighbour: Ints, edge: Ints, root: int) -> tuple[Ints, Ints]:
-    """Scans reached from `root` in breadth-first order, and the edge (n,) each was reached by (-1: root, unreached)."""
-    n = len(start) - 1
-    order, via = np.empty(n, dtype=np.int64), np.full(n, -1, dtype=np.int64)
-    seen = np.zeros(n, dtype=np.bool_)
-    order[0], seen[root] = root, True
-    head, tail = 0, 1
-    while head < tail:
-        v = order[head]
-        head += 1
-        for a in range(start[v], start[v + 1]):
-            u = neighbour[a]
-            if not seen[u]:
-                seen[u] = True
-                via[u] = edge[a]
-                order[tail] = u
-                tail += 1
-    return order[:tail], via

@@ -19,6 +19,11 @@ DENSE_SCANS = 300
 CG_STEPS = 300
 
 
+def spread(x: Floats) -> float:
+    """Root mean square of the rows of x (n, 3) about their mean: the size of an increment whatever the gauge."""
+    return float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
+
+
 class Differences:
     """The problem on one connected graph of `count` scans and edges `pairs` (m, 2), for many weights and d."""
 

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging import kernels
 from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import Differences
-from miniloop_cli.averaging.spanning import loop_errors, tree_start
+from miniloop_cli.averaging.linear import Differences, spread
+from miniloop_cli.averaging.start import tree_start, trust, voted_start
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,19 @@ def average_rotations(
     R_j_i: ArrayLike,
     weights: ArrayLike | None = None,
     *,
-    loops: bool = True,
+    start: str = "votes",
     l1_iterations: int = 10,
-    irls_iterations: int = 40,
+    irls_iterations: int = 50,
     scale_deg: float = 3.0,
     tolerance_deg: float = 1e-3,
 ) -> RotationAverage:
     """Rotations R_world_cam that agree with the relative rotations R_j_i = R_world_j' R_world_i, robustly.
 
     `count` scans; `pairs` (m, 2) rows (i, j); `R_j_i` (m, 3, 3); `weights` (m,) inliers or information of the edges, or
-    None: all alike (the plain variant of the paper, with `loops=False`). Edges of weight 0 are left out.
-    `loops`: edges that contradict their triangles count less in the start. `scale_deg`: where Geman-McClure's
-    influence turns (residuals well above count for nothing). `tolerance_deg`: largest increment at the end.
+    None: all alike. Edges of weight 0 are left out.
+    `start`: "votes" (robust, with loops checked) or "tree" (with no weights the plain variant, as in the paper).
+    `scale_deg`: Geman-McClure's scale; residuals well above it count for nothing. `tolerance_deg`: the root mean
+    square of the increments that ends the iterations.
 
     Raises GraphError where the edges of positive weight do not connect all scans, or an argument is no graph.
     """
@@ -59,22 +60,26 @@ def average_rotations(
     used = np.flatnonzero(weights)
     require_connected(count, pairs[used])
     edges, q_j_i, w = pairs[used], q_all[used], weights[used]
+    if count < 2:
+        return _result(np.eye(1, 4).repeat(count, axis=0), pairs, q_all, True, 0)
 
-    trust = w
-    if loops:
-        error = loop_errors(count, edges, q_j_i, w)
-        trust = w / (1 + (error / np.radians(scale_deg)) ** 2)
-    q = tree_start(count, edges, q_j_i, trust)
-    scale = np.radians(scale_deg)
-    tolerance = np.radians(tolerance_deg)
+    scale, tolerance = np.radians(scale_deg), np.radians(tolerance_deg)
+    if start == "tree":
+        q = tree_start(count, edges, q_j_i, w)
+    else:
+        T_j_i = np.hstack([q_j_i, np.zeros((len(edges), 3))])
+        q = voted_start(count, edges, T_j_i, trust(w), (float(np.cos(scale)), np.inf))[:, :4].copy()
     system = Differences(count, edges)
-    step, iterations = 0.0 if count < 2 else np.inf, 0
-    smoothing = 8 * scale
-    for _ in range(l1_iterations):
+    step, iterations = np.inf, 0
+    for k in range(l1_iterations):
+        # 1 / |r|, smoothed at first: a tree's edges have no residual, and infinite weights would keep it so. Residuals
+        # of 60 degrees and more are no drift, which L1 is to spread over the loops, but false edges.
         r = kernels.residuals(q, edges, q_j_i)
-        step = _advance(q, system, trust / np.hypot(np.linalg.norm(r, axis=1), smoothing), r)
-        smoothing = max(smoothing / 2, scale / 8)
+        r2 = (r * r).sum(1) / scale**2
+        step = _advance(q, system, w / np.sqrt(r2 + max(2 / 2**k, 1 / 8) ** 2) / (1 + r2 / 20**2), r)
         iterations += 1
+        if step < scale / 30:
+            break
     for _ in range(irls_iterations):
         r = kernels.residuals(q, edges, q_j_i)
         step = _advance(q, system, w / (1 + (r * r).sum(1) / scale**2) ** 2, r)
@@ -85,10 +90,10 @@ def average_rotations(
 
 
 def _advance(q: Floats, system: Differences, weights: Floats, r: Floats) -> float:
-    """One Gauss-Newton step in place; returns the largest increment, rad."""
-    x = system.solve(weights, r)
+    """One Gauss-Newton step in place; returns its size, rad."""
+    x = system.solve(weights, r, tolerance=1e-3)
     kernels.update(q, x)
-    return float(np.sqrt((x * x).sum(1).max(initial=0.0)))
+    return spread(x)
 
 
 def _quaternions(R_j_i: ArrayLike, edges: int) -> Floats:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.graph import Floats, GraphError, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import Differences
+from miniloop_cli.averaging.linear import Differences, spread
+from miniloop_cli.averaging.start import trust, voted_start
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class TranslationAverage:
     """Translations of all scans, the first zero, and what the edges say to them.
 
     `t_world_cam` (n, 3) m; `residual_m` (m,) distance between each edge and the result; `iterations`: linear solves;
-    `converged`: the last increment was below the tolerance.
+    `converged`: the increments had become small against the scale.
     """
 
     t_world_cam: Floats
@@ -32,22 +33,20 @@ def average_translations(
     weights: ArrayLike | None = None,
     *,
     robust: bool = True,
-    l1_iterations: int = 8,
     reweights: int = 8,
     scale_m: float = 0.03,
-    tolerance_m: float = 1e-4,
 ) -> TranslationAverage:
     """Translations t_world_cam that agree with t_j_i = R_j' (t_i - t_j), R_i = R_world_cam[i].
 
     `R_world_cam` (n, 3, 3); `pairs` (m, 2) rows (i, j); `t_j_i` (m, 3) m; `weights` (m,) 1 / sigma^2 or inliers, or
     None: all alike. Edges of weight 0 are left out.
-    `robust=False`: one least squares (the paper: with the mean of R_j q - R_i p over an edge's matches as R_j t_j_i and
-    their number as weight this satisfies the 3D correspondences best). Otherwise L1 first, then `reweights` rounds of
-    Cauchy's weights at `scale_m`.
+    `robust=False`: one least squares (the paper: with R_j' times the mean of R_j q - R_i p over an edge's matches p, q
+    as t_j_i and their number as weight, it satisfies the 3D correspondences best). Otherwise a start by votes, then up
+    to `reweights` least squares with Cauchy's weights 1 / (1 + (residual / scale_m)^2).
 
     Raises GraphError where the edges of positive weight do not connect all scans, or an argument is no graph.
     """
-    R_world_cam = np.asarray(R_world_cam, dtype=np.float64)
+    R_world_cam = np.asarray(R_world_cam, dtype=np.float64).reshape(-1, 3, 3)
     count = len(R_world_cam)
     pairs = checked_pairs(count, pairs)
     weights = checked_weights(weights, len(pairs))
@@ -60,30 +59,18 @@ def average_translations(
     d_all = np.einsum("eab,eb->ea", R_world_cam[pairs[:, 1]], t_j_i)
     d = d_all[used]
 
-    t = np.zeros((count, 3))
-    system, iterations, step = Differences(count, edges), 0, np.inf
-    if not robust:
-        t, iterations, step = system.solve(w, d), 1, 0.0
+    system = Differences(count, edges)
+    step, iterations = 0.0, 1
+    if robust and count > 1:
+        T_j_i = np.hstack([np.eye(1, 4).repeat(len(edges), axis=0), d])
+        t = voted_start(count, edges, T_j_i, trust(w), (0.0, (2 * scale_m) ** 2))[:, 4:]
+        step, iterations = np.inf, 0
+        while iterations < reweights and step >= 1e-3 * scale_m:
+            r = d - (t[edges[:, 0]] - t[edges[:, 1]])
+            x = system.solve(w / (1 + (r * r).sum(1) / scale_m**2), r, tolerance=1e-3)
+            t, step, iterations = t + x, spread(x), iterations + 1
+        t = t - t[:1]
     else:
-        smoothing = np.inf
-        for k in range(l1_iterations + reweights):
-            distance = np.linalg.norm(_residuals(t, edges, d), axis=1)
-            if k == 0:
-                factor = np.ones(len(edges))
-            elif k <= l1_iterations:
-                smoothing = max(scale_m / 4, min(smoothing, float(np.median(distance)) * 4) / 2)
-                factor = smoothing / np.hypot(distance, smoothing)
-            else:
-                factor = 1 / (1 + (distance / scale_m) ** 2)
-            before, t = t, system.solve(w * factor, d)
-            step = np.linalg.norm(t - before, axis=1).max(initial=0.0)
-            iterations += 1
-            if k > l1_iterations and step < tolerance_m:
-                break
-    return TranslationAverage(
-        t, np.linalg.norm(_residuals(t, pairs, d_all), axis=1), bool(step < 10 * tolerance_m), iterations
-    )
-
-
-def _residuals(t: Floats, pairs: np.ndarray, d: Floats) -> Floats:
-    return d - (t[pairs[:, 0]] - t[pairs[:, 1]])
+        t = system.solve(w, d)
+    residual_m = np.linalg.norm(d_all - (t[pairs[:, 0]] - t[pairs[:, 1]]), axis=1)
+    return TranslationAverage(t, residual_m, step < 0.03 * scale_m, iterations)

@@ -1,0 +1,252 @@
+"""A robust start for averaging: scans are placed one after another, each where most of its edges agree.
+
+A spanning tree believes one edge a scan, and one false edge turns all that hangs below it. Here the edges to the scans
+already placed each propose a pose; proposals close to each other support each other, and the scan with the best
+supported proposal is placed next, at the mean of the agreeing ones. Later votes, with all scans placed, correct those
+that had to be placed on a single false edge.
+
+A pose is a row (7,): unit quaternion w x y z, translation; `near` = (cosine of half an angle, squared distance) says
+which poses agree. Rotations alone: translations zero. Translations alone, in the world frame: rotations the identity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.averaging.graph import Floats, Ints
+from miniloop_cli.averaging.kernels import conjugate, product
+
+Row = tuple[float, float, float, float, float, float, float]
+Near = tuple[float, float]
+
+LEVELS = 8
+"""Supports within a factor of two are one level; there, first come, first placed: shallow, so that drift is low."""
+
+LOOPS = 24
+"""At most so many triangles of an edge are looked at."""
+
+
+@njit(cache=True, nogil=True)
+def load(T: Floats, i: int) -> Row:
+    return T[i, 0], T[i, 1], T[i, 2], T[i, 3], T[i, 4], T[i, 5], T[i, 6]
+
+
+@njit(cache=True, nogil=True)
+def store(T: Floats, i: int, a: Row) -> None:
+    for c in range(7):
+        T[i, c] = a[c]
+
+
+@njit(cache=True, nogil=True)
+def compose(a: Row, b: Row) -> Row:
+    """a b: first b, then a."""
+    q = (a[0], a[1], a[2], a[3])
+    r = product(q, (b[0], b[1], b[2], b[3]))
+    t = product(product(q, (0.0, b[4], b[5], b[6])), conjugate(q))
+    return r[0], r[1], r[2], r[3], a[4] + t[1], a[5] + t[2], a[6] + t[3]
+
+
+@njit(cache=True, nogil=True)
+def invert(a: Row) -> Row:
+    q = (a[0], -a[1], -a[2], -a[3])
+    t = product(product(q, (0.0, a[4], a[5], a[6])), conjugate(q))
+    return q[0], q[1], q[2], q[3], -t[1], -t[2], -t[3]
+
+
+@njit(cache=True, nogil=True)
+def agree(a: Row, b: Row, near: Near) -> bool:
+    if abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) < near[0]:
+        return False
+    return (a[4] - b[4]) ** 2 + (a[5] - b[5]) ** 2 + (a[6] - b[6]) ** 2 <= near[1]
+
+
+@njit(cache=True, nogil=True)
+def directed(T_j_i: Floats, pairs: Ints, e: int, v: int) -> Row:
+    """Edge e from scan v to the other one."""
+    a = load(T_j_i, e)
+    return a if pairs[e, 0] == v else invert(a)
+
+
+@njit(cache=True, nogil=True)
+def mean(proposal: Floats, first: int, end: int, best: int, vote: Floats, near: Near) -> Row:
+    """Weighted mean of the proposals first .. end - 1 that agree with `best`."""
+    total, m = 0.0, np.zeros(7)
+    b = load(proposal, best)
+    for k in range(first, end):
+        a = load(proposal, k)
+        if agree(a, b, near):
+            sign = math.copysign(vote[k], a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3])
+            for c in range(4):
+                m[c] += sign * a[c]
+            for c in range(4, 7):
+                m[c] += vote[k] * a[c]
+            total += vote[k]
+    norm = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + m[3] * m[3])
+    return m[0] / norm, m[1] / norm, m[2] / norm, m[3] / norm, m[4] / total, m[5] / total, m[6] / total
+
+
+@njit(cache=True, nogil=True)
+def grow(
+    pairs: Ints,
+    T_j_i: Floats,
+    trust: Floats,
+    start: Ints,
+    neighbour: Ints,
+    edge: Ints,
+    seeds: Ints,
+    near: Near,
+    least: float,
+    voters: int,
+) -> tuple[Floats, Ints, Ints]:
+    """Poses (n, 7) within clusters, the cluster of each scan (0 the first), and the order scans were placed in.
+
+    `trust` (m,): the vote of an edge. A cluster starts at the first free scan of `seeds` (n,) and grows while a free
+    scan has proposals of support `least` or more; then the next one starts. A connected graph and `least` 0: one.
+    """
+    n = len(start) - 1
+    T = np.zeros((n, 7))
+    proposal, support, vote = np.empty((len(edge), 7)), np.empty(len(edge)), np.empty(len(edge))
+    asked, best = np.zeros(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    queue = np.empty((LEVELS, n), dtype=np.int64)
+    level, asking = np.empty(n, dtype=np.int64), np.full(n, -1)
+    order, cluster = np.empty(n, dtype=np.int64), np.full(n, -1)
+    head, tail = np.empty(LEVELS, dtype=np.int64), np.empty(LEVELS, dtype=np.int64)
+    done = clusters = 0
+    for seed in seeds:
+        if cluster[seed] >= 0:
+            continue
+        head[:] = 0
+        tail[:] = 0
+        T[seed, 0] = 1.0
+        v = seed
+        while v >= 0:
+            cluster[v] = clusters
+            order[done] = v
+            done += 1
+            for a in range(start[v], start[v + 1]):
+                u, e = neighbour[a], edge[a]
+                if asking[u] != clusters:
+                    asking[u], asked[u], level[u] = clusters, 0, -1
+                if cluster[u] >= 0 or asked[u] >= voters:
+                    continue
+                slot = start[u] + asked[u]
+                asked[u] += 1
+                new = compose(load(T, v), directed(T_j_i, pairs, e, u))
+                store(proposal, slot, new)
+                support[slot] = vote[slot] = trust[e]
+                for b in range(start[u], slot):
+                    if agree(new, load(proposal, b), near):
+                        support[slot] += vote[b]
+                        support[b] += vote[slot]
+                        if support[b] > support[best[u]]:
+                            best[u] = b
+                if slot == start[u] or support[slot] > support[best[u]]:
+                    best[u] = slot
+                most = support[best[u]]
+                reached = min(max(int(math.log2(most) + LEVELS - 2), 0), LEVELS - 1)
+                if most >= least and reached > level[u]:
+                    level[u] = reached
+                    queue[reached, tail[reached]] = u
+                    tail[reached] += 1
+            v = -1
+            for k in range(LEVELS - 1, -1, -1):
+                while head[k] < tail[k] and v < 0:
+                    u = queue[k, head[k]]
+                    head[k] += 1
+                    if cluster[u] < 0:
+                        v = u
+            if v >= 0:
+                store(T, v, mean(proposal, start[v], start[v] + asked[v], best[v], vote, near))
+        clusters += 1
+    return T, cluster, order
+
+
+@njit(cache=True, nogil=True)
+def loop_votes(
+    pairs: Ints, T_j_i: Floats, trust: Floats, start: Ints, neighbour: Ints, edge: Ints, near: Near
+) -> Floats:
+    """Trust (m,) of every edge, times what its triangles say: those that close, and those that do not.
+
+    1/2 in no triangle, towards 1 with every one that closes, slowly towards 0 with those that do not, as either of
+    their other edges may be the false one.
+    """
+    out = np.empty(len(pairs))
+    for e in range(len(pairs)):
+        i, j = pairs[e, 0], pairs[e, 1]
+        a, b = start[i], start[j]
+        closed = asked = 0
+        while a < start[i + 1] and b < start[j + 1] and asked < LOOPS:
+            if neighbour[a] < neighbour[b]:
+                a += 1
+            elif neighbour[a] > neighbour[b]:
+                b += 1
+            else:
+                around = compose(invert(directed(T_j_i, pairs, edge[b], j)), directed(T_j_i, pairs, edge[a], i))
+                closed += agree(invert(load(T_j_i, e)), invert(around), near)
+                asked += 1
+                a += 1
+                b += 1
+        out[e] = trust[e] * (closed + 0.5) / (closed + 1 + 0.1 * (asked - closed))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def between(T: Floats, pairs: Ints, T_j_i: Floats) -> Floats:
+    """Edges (m, 7) between clusters: T_J_I = T_j T_j_i inv(T_i), with T the poses within the clusters."""
+    out = np.empty((len(pairs), 7))
+    for e in range(len(pairs)):
+        store(out, e, compose(compose(load(T, pairs[e, 1]), load(T_j_i, e)), invert(load(T, pairs[e, 0]))))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def move(T: Floats, cluster: Ints, T_cluster: Floats) -> None:
+    """T <- T_cluster T in place."""
+    for v in range(len(T)):
+        store(T, v, compose(load(T_cluster, cluster[v]), load(T, v)))
+
+
+@njit(cache=True, nogil=True)
+def vote_again(
+    T: Floats,
+    pairs: Ints,
+    T_j_i: Floats,
+    trust: Floats,
+    start: Ints,
+    neighbour: Ints,
+    edge: Ints,
+    order: Ints,
+    near: Near,
+    voters: int,
+) -> int:
+    """Every scan in `order` to where most of all its edges agree, in place; returns how many left their place."""
+    proposal, vote, support = np.empty((voters, 7)), np.empty(voters), np.empty(voters)
+    moved = 0
+    for v in order:
+        count = min(start[v + 1] - start[v], voters)
+        here, best, supported = load(T, v), 0, 0.0
+        for k in range(count):
+            a = start[v] + k * (start[v + 1] - start[v]) // count
+            new = compose(load(T, neighbour[a]), directed(T_j_i, pairs, edge[a], v))
+            store(proposal, k, new)
+            support[k] = vote[k] = trust[edge[a]]
+            if agree(new, here, near):
+                supported += vote[k]
+            for b in range(k):
+                if agree(new, load(proposal, b), near):
+                    support[k] += vote[b]
+                    support[b] += vote[k]
+        for k in range(1, count):
+            if support[k] > support[best]:
+                best = k
+        if count == 0:
+            continue
+        if not agree(load(proposal, best), here, near):
+            if supported >= support[best]:
+                continue
+            moved += 1
+        store(T, v, mean(proposal, 0, count, best, vote, near))
+    return moved
