@@ -5,8 +5,8 @@ G6^-1 L(a6) H6 = T5 T4 T3 T2 T1, that is
 
     L(-a6) (G6 G5^-1) L(a5) K5 L(a4) K4 L(a3) K3 L(a2) K2 L(a1) (H1 H6^-1) = I,   K_i = H_i G_{i-1}^-1.
 
-12 matches, 36 equations less the six distances every rigid motion preserves, on 5 x 6 unknowns: finitely many solutions,
-at most 16 (the paper counts 288), and no equation left to rank them.
+12 matches, 36 equations less the six distances every rigid motion preserves, on 5 x 6 unknowns: finitely many
+solutions, at most 16 (the paper counts 288), and no equation left to rank them.
 """
 
 from __future__ import annotations
@@ -17,29 +17,23 @@ import numpy as np
 from numba import njit
 
 from miniloop_cli.solvers.alignment import OPTIONS, Array, axis_frame, write_edge
-from miniloop_cli.solvers.six_revolute import MAX_SOLUTIONS, set_link, solve_chain
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.six_revolute import EXACT, MAX_SOLUTIONS, set_link, solve_chain
 
 MATCHES = (2, 2, 2, 2, 2, 2)
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
-    """Like `solve`; complex pairs within about `nearly_real` (rad) give the nearest real poses, 0: none."""
+    """Like `solve`; complex pairs within about `nearly_real` (rad) give poses near by that do not quite close."""
     K = np.empty((6, 3, 4))
     for e in range(6):
-        # A scan is entered by the edge before and left by edge e; the closing edge joins scan 1 (p) to scan 6 (q).
-        if e == 0:
-            leave, good_leave = axis_frame(p, 0)
-            enter, good_enter = axis_frame(p, 10)
-        elif e == 5:
-            leave, good_leave = axis_frame(q, 10)
-            enter, good_enter = axis_frame(q, 8)
-        else:
-            leave, good_leave = axis_frame(p, 2 * e)
-            enter, good_enter = axis_frame(q, 2 * e - 2)
-        if not (good_leave and good_enter):
+        # Scan e+1 is left by edge e and entered by the one before; the closing edge joins scan 1 (p) to scan 6 (q).
+        H, good_h = axis_frame(p if e < 5 else q, 2 * e)
+        G, good_g = axis_frame(q if e > 0 else p, (2 * e + 10) % 12)
+        if not (good_h and good_g):
             return 0
-        set_link(K, e, leave, enter)
+        set_link(K, e, H, G)
     angles = np.empty((MAX_SOLUTIONS, 6))
     count = solve_chain(K, nearly_real, angles)
     for e in range(5):
@@ -50,10 +44,29 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     return count
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve(p: Array, q: Array, T: Array) -> int:
-    """p, q (12, 3) matches of the edges 1-2 ... 5-6 and 1-6, two each; T (16, 5, 3, 4) receives 1 -> 2 -> ... -> 6.
+    """p, q (12, 3) matches of the edges 1-2 ... 5-6, 1-6, two each; T (16, 5, 3, 4) receives 1 -> 2 -> ... -> 6.
 
     Returns the number of solutions, 0 to 16.
     """
-    return solve_within(p, q, T, 0.0)
+    return solve_within(p, q, T, EXACT)
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
+
+
+def solve_batch(p: Array, q: Array, nearly_real: float = EXACT) -> tuple[Array, Counts]:
+    """Samples p, q (b, 12, 3) to solutions T (b, 16, 5, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
+
+
+def cycle6(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 5, 4, 4) of scans 1 -> ... -> 6 from matches p, q (12, 3) of 1-2 ... 5-6, 1-6, two each.
+
+    `best` keeps the one of least residual, which is an arbitrary one: no match is redundant, all solutions close alike.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

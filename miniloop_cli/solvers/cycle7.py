@@ -1,6 +1,7 @@
 """Seven scans, 2+2+2+2+2+2+3 matches: the inverse kinematics of a general 6R arm whose hand has a known pose.
 
-The three closing matches give C, scan 1 -> scan 7. With T_e = G^-1 L(a_e) H for the six edges of the chain, C = T6 ... T1 is
+The three closing matches give C, scan 1 -> scan 7. With T_e = G^-1 L(a_e) H for the six edges of the chain,
+C = T6 ... T1 is
 
     L(a6) K6 L(a5) K5 L(a4) K4 L(a3) K3 L(a2) K2 L(a1) (H1 C^-1 G6^-1) = I,   K_i = H_i G_{i-1}^-1.
 
@@ -17,7 +18,8 @@ from numba import njit
 
 from miniloop_cli.solvers import pairwise
 from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, axis_frame, write_edge
-from miniloop_cli.solvers.six_revolute import MAX_SOLUTIONS, set_link, solve_chain
+from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.six_revolute import EXACT, MAX_SOLUTIONS, set_link, solve_chain
 
 MATCHES = (2, 2, 2, 2, 2, 2, 3)
 
@@ -42,24 +44,20 @@ def _seen_from_before(G: Motion, C: Array) -> Motion:
     )
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
-    """Like `solve`; complex pairs within about `nearly_real` (rad) give the nearest real poses, 0: none."""
+    """Like `solve`; complex pairs within about `nearly_real` (rad) give poses near by that do not quite close."""
     closing = np.empty((1, 1, 3, 4))
     if pairwise.solve(p[12:], q[12:], closing) == 0:
         return 0
     K = np.empty((6, 3, 4))
-    H, good_h = axis_frame(p, 0)
-    G, good_g = axis_frame(q, 10)
-    good = good_h and good_g
-    set_link(K, 0, H, _seen_from_before(G, closing[0, 0]))
-    for e in range(1, 6):
+    for e in range(6):
         H, good_h = axis_frame(p, 2 * e)
-        G, good_g = axis_frame(q, 2 * e - 2)
-        good = good and good_h and good_g
-        set_link(K, e, H, G)
-    if not good:
-        return 0
+        G, good_g = axis_frame(q, (2 * e + 10) % 12)
+        if not (good_h and good_g):
+            return 0
+        # Scan 1 is entered, as it were, by the last edge of the chain, carried back through the closing pose.
+        set_link(K, e, H, _seen_from_before(G, closing[0, 0]) if e == 0 else G)
     angles = np.empty((MAX_SOLUTIONS, 6))
     count = solve_chain(K, nearly_real, angles)
     for e in range(6):
@@ -70,10 +68,29 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     return count
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def solve(p: Array, q: Array, T: Array) -> int:
-    """p, q (15, 3) matches of the edges 1-2 ... 6-7, two each, and three of 1-7; T (16, 6, 3, 4) receives 1 -> ... -> 7.
+    """p, q (15, 3) matches of the edges 1-2 ... 6-7, two each, and three of 1-7; returns the number of solutions.
 
-    Returns the number of solutions, 0 to 16.
+    T (16, 6, 3, 4) receives 1 -> 2 -> ... -> 7.
     """
-    return solve_within(p, q, T, 0.0)
+    return solve_within(p, q, T, EXACT)
+
+
+@njit(**OPTIONS)
+def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
+
+
+def solve_batch(p: Array, q: Array, nearly_real: float = EXACT) -> tuple[Array, Counts]:
+    """Samples p, q (b, 15, 3) to solutions T (b, 16, 6, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
+    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
+
+
+def cycle7(p: Array, q: Array, best: bool = False) -> Array:
+    """Solutions (s, 6, 4, 4) of scans 1 -> ... -> 7 from p, q (15, 3), two matches each of 1-2 ... 6-7, three of 1-7.
+
+    `best` keeps the one of least residual, which is an arbitrary one: no match is redundant, all solutions close alike.
+    """
+    return run_single(solve_batch, MATCHES, p, q, best)

@@ -5,11 +5,12 @@
 3. Its real roots are isolated by Descartes' rule (six_revolute_roots); each gives the other angles by linear algebra.
 4. Newton's method on the closing error (six_revolute_closure) removes the rounding errors of 1-3; what does not close,
    coincides with another solution or can move (a degenerate chain) is dropped.
-5. Where a real root is lost on the way, the chain is cut at the next joint, which makes another angle the hidden one,
-   and the solutions are united.
+5. Where a real root is lost on the way, or may be, the chain is cut at the next joint, which makes another angle the
+   hidden one, and the solutions are united. If no cut will do, as in a ring all of whose neighbouring axes meet, the
+   roots of a chain nearby serve as starting points for Newton's method.
 
-Sources: Raghavan & Roth, "Inverse kinematics of the general 6R manipulator and related linkages", 1993; Manocha & Canny,
-"Efficient inverse kinematics for general 6R manipulators", 1994, for the numerical view.
+Sources: Raghavan & Roth, "Inverse kinematics of the general 6R manipulator and related linkages", 1993; for the
+numerical view Manocha & Canny, "Efficient inverse kinematics for general 6R manipulators", 1994.
 """
 
 from __future__ import annotations
@@ -21,22 +22,31 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, joint
 from miniloop_cli.solvers.six_revolute_closure import close, closing_error
-from miniloop_cli.solvers.six_revolute_equations import axis_equations, reduce_equations
+from miniloop_cli.solvers.six_revolute_equations import axis_equations, reduce_equations, well_posed
 from miniloop_cli.solvers.six_revolute_resultant import angles_at, half_angle_forms, resultant
 from miniloop_cli.solvers.six_revolute_roots import MAX_ROOTS, real_roots
 
 MAX_SOLUTIONS = 16
+# Value of `nearly_real` with which every solution closes the chain.
+EXACT = 0.0
 # Closing error (rad, and in units of the mean link length) below which a chain is closed.
-CLOSED = 1e-9
+CLOSED = 1e-12
+NEWTON_STEPS = 20
 # Closing error before Newton's method above which rounding may have swallowed other roots.
 ROUGH = 1e-6
+# Closing error before Newton's method above which a root is no root.
+HOPELESS = 0.1
 # Ratio of pivots of the closing error's derivative below which the chain can move.
-MOVABLE = 1e-11
+MOVABLE = 1e-8
 # Double roots are torn into complex pairs by rounding, at most so far (rad).
 TORN = 1e-3
 # Two solutions all of whose angles (rad) agree to this are one.
 SAME = 1e-6
-_CUTS = 6
+# Largest determinant of the scaled equations below which it is zero but for rounding (1e-5 in the median).
+VANISHING = 1e-18
+# Where no cut is sound (all neighbouring axes meet) the links are moved so far to find where Newton may start.
+NUDGE = 1e-3
+_NUDGE = np.cos(np.arange(30.0) ** 2).reshape(6, 5)
 
 
 @njit(**OPTIONS)
@@ -72,7 +82,10 @@ def _other_angles(K: Array, S: Array, E: Array, a: Array) -> float:
 
 @njit(**OPTIONS)
 def _find(a: Array, cut: int, angles: Array, count: int) -> int:
-    """Row of angles (16, 6) that equals a (6,), found with the chain cut at joint `cut`; else it is written to row count."""
+    """Row of angles (16, 6) that equals a (6,), found with the chain cut at joint `cut`; a becomes a row if none does.
+
+    Returns MAX_SOLUTIONS if there is no room.
+    """
     for k in range(count):
         largest = 0.0
         for i in range(6):
@@ -87,6 +100,60 @@ def _find(a: Array, cut: int, angles: Array, count: int) -> int:
 
 
 @njit(**OPTIONS)
+def _cut_chain(K: Array, scale: float, cut: int, nudge: float, C: Array) -> None:
+    """C (6, 3, 4): the chain K renumbered from joint `cut` on, lengths scaled, every link moved by about `nudge`."""
+    for k in range(6):
+        link = K[(k + cut) % 6]
+        for j in range(4):
+            for i in range(3):
+                C[k, i, j] = link[i, j] * (scale if j == 3 else 1.0)
+        if nudge > 0.0:
+            for i in range(2):  # turn rows i and 2
+                x = nudge * _NUDGE[k, i]
+                c, s = math.cos(x), math.sin(x)
+                for j in range(4):
+                    C[k, i, j], C[k, 2, j] = c * C[k, i, j] - s * C[k, 2, j], s * C[k, i, j] + c * C[k, 2, j]
+            for i in range(3):
+                C[k, i, 3] += nudge * _NUDGE[k, 2 + i]
+
+
+@njit(**OPTIONS)
+def _solve_cut(C: Array, D: Array, cut: int, nearly_real: float, angles: Array, count: int) -> tuple[int, bool]:
+    """Unite the solutions of the chain C, cut at joint `cut`, with the first `count` rows of angles (16, 6).
+
+    The roots come from the chain D, which is C or near it. Returns the new count, and whether the cut was sound: the
+    equations regular, no root lost, none of them so rough that others may have drowned in rounding.
+    """
+    left, right = axis_equations(D)
+    S = reduce_equations(left, right)
+    E = half_angle_forms(S)
+    largest, f = resultant(E)
+    if not (largest > VANISHING and well_posed(S)):
+        return count, False
+    roots = np.empty((MAX_ROOTS, 2))
+    seen = np.zeros(MAX_SOLUTIONS + 1, np.bool_)
+    a = np.empty(6)
+    sound = True
+    for k in range(real_roots(f, max(nearly_real, TORN), roots)):
+        real = roots[k, 1] == 0.0
+        a[2] = roots[k, 0]
+        rough = _other_angles(D, S, E, a)
+        if rough > HOPELESS:
+            sound = sound and not real
+            continue
+        error, ratio = close(C, a, NEWTON_STEPS, 0.01 * CLOSED)
+        closed = error < CLOSED and ratio > MOVABLE
+        if closed or (not real and CLOSED < error < nearly_real):
+            row = _find(a, cut, angles, count)
+            sound = sound and not (real and seen[row]) and not (closed and rough > ROUGH)
+            seen[row] = True
+            count = min(max(count, row + 1), MAX_SOLUTIONS)
+        else:
+            sound = sound and not real
+    return count, sound
+
+
+@njit(**OPTIONS, inline="always")
 def solve_chain(K: Array, nearly_real: float, angles: Array) -> int:
     """All real a with L(a6) K6 ... L(a2) K2 L(a1) K1 = I, for rigid motions K (6, 3, 4), into angles (16, 6) rad.
 
@@ -99,38 +166,17 @@ def solve_chain(K: Array, nearly_real: float, angles: Array) -> int:
     if not 0.0 < length < math.inf:
         return 0
     C = np.empty((6, 3, 4))
-    roots = np.empty((MAX_ROOTS, 2))
-    a = np.empty(6)
-    seen = np.zeros(MAX_SOLUTIONS, np.bool_)
-    near = max(nearly_real, TORN)
-    count = 0
-    for cut in range(_CUTS):
-        for k in range(6):
-            for i in range(3):
-                for j in range(3):
-                    C[k, i, j] = K[(k + cut) % 6, i, j]
-                C[k, i, 3] = K[(k + cut) % 6, i, 3] * (6.0 / length)
-        left, right = axis_equations(C)
-        S = reduce_equations(left, right)
-        E = half_angle_forms(S)
-        f = resultant(E)
-        seen[:] = False
-        lost = False
-        for k in range(real_roots(f, near, roots)):
-            a[2] = roots[k, 0]
-            rough = _other_angles(C, S, E, a)
-            error, ratio = close(C, a, 20, 1e-14)
-            real = roots[k, 1] == 0.0
-            lost = lost or (real and not rough < ROUGH)
-            if (error < CLOSED and ratio > MOVABLE) or (not real and CLOSED < error < nearly_real):
-                row = _find(a, cut, angles, count)
-                if row == MAX_SOLUTIONS:
-                    continue
-                lost = lost or (real and seen[row])
-                seen[row] = True
-                count = max(count, row + 1)
-            else:
-                lost = lost or real
-        if not lost and count + cut > 0:
+    D = np.empty((6, 3, 4))
+    count, cuts = np.int64(0), np.int64(0)  # a literal 0 would compile _solve_cut a second time
+    for attempt in range(9):
+        if attempt == 6 and cuts > 0 and count > 0:
+            break
+        cut = attempt % 6
+        _cut_chain(K, 6.0 / length, cut, 0.0, C)
+        _cut_chain(K, 6.0 / length, cut, NUDGE if attempt >= 6 else 0.0, D)
+        count, sound = _solve_cut(C, D, cut, nearly_real, angles, count)
+        cuts += sound and attempt < 6
+        # Solutions come in pairs, and chains without any are rare: then a second cut has to agree.
+        if cuts > (0 if count > 0 and count % 2 == 0 else 1):
             break
     return count

@@ -17,9 +17,11 @@ def closing_error(K: Array, a: Array, J: Array, e: Array) -> tuple[float, float]
     K (6, 3, 4), a (6,) rad. The rotation enters as axis times sine, or the axis itself beyond 90 degrees.
     Returns the largest absolute component, and the value of a6 that would close the chain if the others are right.
     """
-    R = np.eye(3)
-    t = np.zeros(3)
-    Q = np.empty((3, 3))
+    R, Q, t = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        t[i] = 0.0
+        for j in range(3):
+            R[i, j] = 1.0 if i == j else 0.0
     for k in range(5, -1, -1):
         # Column k: the twist of axis k seen from the end of the chain, direction R z through t.
         x, y, z = R[0, 2], R[1, 2], R[2, 2]
@@ -48,9 +50,9 @@ def closing_error(K: Array, a: Array, J: Array, e: Array) -> tuple[float, float]
 
 @njit(**OPTIONS)
 def solve_in_place(M: Array, x: Array) -> float:
-    """Solve M (6, 6) y = x, y replaces x, by elimination with complete pivoting; smallest pivot relative to the largest.
+    """Solve M (6, 6) y = x by elimination with complete pivoting; y replaces x.
 
-    Nothing is solved if that ratio is zero.
+    Returns the ratio of the last pivot to the first; if that is zero, nothing is solved.
     """
     order = np.arange(6)
     first, last = 0.0, 0.0

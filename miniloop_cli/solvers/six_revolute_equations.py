@@ -150,3 +150,12 @@ def reduce_equations(left: Array, right: Array) -> Array:
             for c in range(k, 35):
                 S[r, c] -= f * y[c]
     return S
+
+
+@njit(**OPTIONS)
+def well_posed(S: Array) -> bool:
+    """False if the eliminated monomials are dependent: axes in a special position make the triangle of S singular."""
+    least, most = np.inf, 0.0
+    for k in range(8):
+        least, most = min(least, abs(S[k, k])), max(most, abs(S[k, k]))
+    return least > 1e-8 * most

@@ -5,7 +5,7 @@ multiplied by u5 and by v5 they are twelve linear equations in the twelve monomi
 The determinant vanishes at a solution. Raghavan and Roth (1990) show that it has 16 roots besides a factor
 (1 + tan^2(a3/2))^4, which means: as a function of a3 it is a trigonometric polynomial of degree 8, and 17 equally
 spaced samples determine it, with an inverse Fourier transform as the perfectly conditioned interpolation. No half-angle
-substitution of a3 is made, so 180 degrees is no special case. 
+substitution of a3 is made, so 180 degrees is no special case.
 """
 
 from __future__ import annotations
@@ -109,8 +109,11 @@ def _determinant(E: Array, cos: float, sin: float, A: Array, M: Array) -> float:
 
 
 @njit(**OPTIONS)
-def resultant(E: Array) -> Array:
-    """The trigonometric polynomial (17,) of a3, coefficients of (1, cos k a3, sin k a3), largest sample 1; 0 if none."""
+def resultant(E: Array) -> tuple[float, Array]:
+    """Largest sample of the determinant, and the determinant divided by it as a trigonometric polynomial in a3.
+
+    The polynomial (17,) holds the coefficients of (1, cos k a3, sin k a3).
+    """
     A = np.empty((6, 9))
     M = np.empty((9, 9))
     f = np.empty(_SAMPLES)
@@ -120,13 +123,13 @@ def resultant(E: Array) -> Array:
         largest = max(largest, abs(f[k]))
     c = np.zeros(_SAMPLES)
     if not largest > 0.0:
-        return c
+        return 0.0, c
     for k in range(_SAMPLES):
         s = f[k] * 2 / (_SAMPLES * largest)
         for i in range(_SAMPLES):
             c[i] += s * _AT_SAMPLES[k, i]
     c[0] /= 2
-    return c
+    return largest, c
 
 
 @njit(**OPTIONS)
