@@ -44,7 +44,12 @@ class Matching(Section):
     """Which features of two scans are taken for the same point."""
 
     ratio: float = Field(0.8, gt=0, le=1, description="Nearest over second-nearest descriptor distance, at most.")
-    count: int = Field(1200, ge=16, description="Strongest features of a scan compared with every other scan's.")
+    pairs: str = Field("auto", description="auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers).")
+    count: int = Field(1200, ge=16, description="Strongest features of a scan in a full comparison.")
+    look_count: int = Field(500, ge=16, description="auto: strongest features of a scan in the first look.")
+    look_min: int = Field(4, ge=0, description="auto: a look with fewer consistent matches rules the pair out.")
+    look_enough: int = Field(15, ge=0, description="auto: a look with as many needs no full comparison.")
+    neighbours: int = Field(10, ge=1, description="sequential: frames after each frame that it is compared with.")
     min_matches: int = Field(12, ge=3, description="T of the paper: an edge of the graph needs this many matches.")
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,13 @@ from numpy.typing import NDArray
 from miniloop_cli.artefacts import Store, fingerprint
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import RegistrationError
+from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.extract import ExtractedScan, extract
+from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progressively
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
-from miniloop_cli.graph.overlap import match_pairs, scan_points
+from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, average
 from miniloop_cli.refine import refine
@@ -63,16 +65,11 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
         features = [scan.features for scan in scans]
         features_key = fingerprint([scan.key for scan in scans])
     with watch.stage("matching"):
-        pairs = list(combinations(range(count), 2))
-        matches_key = fingerprint(features_key, settings.matching.model_dump())
-        matches = matches_by_chunk(
-            pairs,
-            matches_key,
-            store,
-            lambda chunk: match_pairs(features, chunk, settings.features.type, settings.matching, workers),
-        )
-    with watch.stage("edges"):
         points = [scan_points(found, sequence.camera) for found in features]
+        matches_key = fingerprint(features_key, settings.matching.model_dump())
+        pairs = listed_pairs(count, settings.matching.pairs, settings.matching)
+        matches = matches_by_chunk(pairs, matches_key, store, _matcher(features, points, settings, workers))
+    with watch.stage("edges"):
         solving = [settings.ransac, settings.verification, settings.cycles]
         edges_key = fingerprint(matches_key, [section.model_dump() for section in solving], seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
@@ -83,6 +80,16 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
     with watch.stage("refinement"):
         poses, covariance = refine(poses, edges, features, sequence.camera, settings, workers)
     return Registration(sequence, settings, seed, scans, edges, poses, covariance, watch.seconds)
+
+
+def _matcher(
+    features: list[ScanFeatures], points: list[ScanPoints], settings: Settings, workers: Workers
+) -> Callable[[list[Pair]], Matches]:
+    """How a list of pairs is matched under these settings."""
+    descriptors = [comparable(scan.descriptors[: scan.with_depth], settings.features.type) for scan in features]
+    if settings.matching.pairs == "auto":
+        return lambda pairs: match_progressively(descriptors, points, pairs, settings.matching, workers)
+    return lambda pairs: match_fully(descriptors, pairs, settings.matching, workers)
 
 
 def _why_nothing(scans: list[ExtractedScan], edges: list[Edge], settings: Settings) -> str:

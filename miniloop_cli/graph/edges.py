@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Settings, Verification
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.cycles import Cycle, decompose
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, overlap_graph
+from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent, edge_matches, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import NAMES, EdgeEstimate, EdgeMatches, estimate
 
 VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
+MANY = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,15 @@ def solve_edges(
     generator, seeded by its scans: the result does not depend on the order of work.
     """
     solved: dict[Pair, Edge] = {}
-    open_edges, numbered = dict(matches), 0
+    hopeless = _hopeless(matches, points, settings, workers)
+    for pair in hopeless:
+        solved[pair] = replace(
+            _unsolved(pair, matches, 2), reason=_DISAGREE.format(settings.verification.rescue_inliers)
+        )
+    open_edges, numbered = {pair: rows for pair, rows in matches.items() if pair not in hopeless}, 0
     for longest in range(settings.cycles.longest, 1, -1):
         graph = overlap_graph(len(points), open_edges)
         cycles = decompose(graph, longest, settings.cycles.decomposition)
-        # A pair that is left over waits for the last round only if that round would treat it differently.
         work = [(number, cycle) for number, cycle in enumerate(cycles, numbered)]
         numbered += len(cycles)
 
@@ -90,6 +95,20 @@ def solve_edges(
             if solved[pair].verdict != VERIFIED and pair not in tried_alone
         }
     return [solved[pair] for pair in sorted(solved)]
+
+
+def _hopeless(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> set[Pair]:
+    """Pairs whose matches hold no `rescue_inliers` that agree in their distances: most pairs that do not overlap."""
+    if settings.ransac.score == "count":
+        return set()
+    least = settings.verification.rescue_inliers - 1
+
+    def hopeless(pair: Pair) -> bool:
+        rows = matches[pair]
+        return len(rows) <= MANY and not consistent(points, pair, rows, settings.ransac.threshold_m, least).any()
+
+    found = workers.map(hopeless, list(matches), "checking distances", len(matches))
+    return {pair for pair, verdict in zip(matches, found, strict=True) if verdict}
 
 
 def _solve_cycle(

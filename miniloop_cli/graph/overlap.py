@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.config import Matching
-from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.lift import ScanFeatures
-from miniloop_cli.features.match import match
-from miniloop_cli.parallel import Workers
+from miniloop_cli.ransac.consistency import consistent_core
 from miniloop_cli.ransac.estimate import EdgeMatches
 from miniloop_cli.scans.camera import Camera
 
@@ -28,26 +26,17 @@ class ScanPoints:
     points_m: NDArray[np.float64]
     covariances_m2: NDArray[np.float64]
 
+    @cached_property
+    def sigmas_m(self) -> NDArray[np.float64]:
+        """Root mean square standard deviation (n,) over the three axes."""
+        return np.sqrt(np.trace(self.covariances_m2, axis1=1, axis2=2) / 3)
+
 
 def scan_points(features: ScanFeatures, camera: Camera) -> ScanPoints:
     """Back-project the features that have a depth (the first rows)."""
     count = features.with_depth
     points = camera.backproject(features.px_ideal[:count], features.z_m[:count])
     return ScanPoints(points, camera.point_covariance(points))
-
-
-def match_pairs(
-    features: Sequence[ScanFeatures], pairs: Iterable[Pair], kind: str, settings: Matching, workers: Workers
-) -> Matches:
-    """Matches (m, 2) of the features with depth of each pair of scans, where there are at least `min_matches`."""
-    pairs = list(pairs)
-    strongest = [comparable(scan.descriptors[: min(scan.with_depth, settings.count)], kind) for scan in features]
-
-    def match_pair(pair: Pair) -> NDArray[np.int64]:
-        return match(strongest[pair[0]], strongest[pair[1]], settings.ratio)
-
-    found = workers.map(match_pair, pairs, "matching pairs", len(pairs))
-    return {pair: rows for pair, rows in zip(pairs, found, strict=True) if len(rows) >= settings.min_matches}
 
 
 def overlap_graph(count: int, matches: Mapping[Pair, NDArray[np.int64]]) -> nx.Graph:
@@ -64,3 +53,16 @@ def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: NDArray[np.int6
     return EdgeMatches(
         a.points_m[rows[:, 0]], b.points_m[rows[:, 1]], a.covariances_m2[rows[:, 0]], b.covariances_m2[rows[:, 1]]
     )
+
+
+def consistent(
+    points: Sequence[ScanPoints], pair: Pair, rows: NDArray[np.int64], threshold_m: float, least: int
+) -> NDArray[np.bool_]:
+    """Matches (m,) bool that agree in their distances with at least `least` others (see ransac.consistency).
+
+    Two matches agree if their distances differ by less than `threshold_m` and three sigma of both.
+    """
+    a, b = points[pair[0]], points[pair[1]]
+    tolerance = 0.5 * threshold_m + 1.5 * np.hypot(a.sigmas_m[rows[:, 0]], b.sigmas_m[rows[:, 1]])
+    P, Q = (np.ascontiguousarray(side.points_m[rows[:, k]].T) for k, side in enumerate((a, b)))
+    return consistent_core(P, Q, tolerance, least)
