@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from miniloop_cli.evaluation.results import Results
+    from miniloop_cli.scans.sequence import Trajectory
+
 RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "one second"}
 
 
@@ -85,16 +88,18 @@ def evaluate(
     from miniloop_cli.scans.trajectory import read_trajectory
 
     source = result or newest_result()
-    folder = Results(source if source.is_dir() else source.parent)
-    trajectory = folder.trajectory if source.is_dir() else read_trajectory(source)
+    file = source / "trajectory.txt" if source.is_dir() else source
+    # A trajectory of another name does not belong to the run whose folder it may lie in.
+    folder = Results(file.parent) if file.name == "trajectory.txt" else None
+    trajectory = folder.trajectory if folder else read_trajectory(file)
     if edges_path and edges_path.suffix != ".csv":
         edges = read_edge_list(edges_path, frame_stamps(folder, gt))
     elif edges_path:
         edges = rows_of(edges_path)
     else:
-        edges = folder.edge_stamps_s
+        edges = folder.edge_stamps_s if folder else None
     protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap)
-    evaluation = run(trajectory, read_trajectory(ground_truth_file(gt)), edges, protocol)
+    evaluation = run(trajectory, ground_truth(gt), edges, protocol)
     if json_path != "-":
         click.echo(table(evaluation.numbers, str(source), protocol.describe()))
     if json_path:
@@ -106,15 +111,20 @@ def evaluate(
             click.echo(f"wrote {path}", err=True)
 
 
-def ground_truth_file(gt: Path) -> Path:
-    """The trajectory file behind --gt. Raises InputError for a folder without one."""
+def ground_truth(gt: Path) -> Trajectory:
+    """The trajectory behind --gt: a file, a TUM folder's groundtruth.txt, or what another layout comes with."""
     from miniloop_cli.errors import InputError
+    from miniloop_cli.scans import open_sequence, read_ground_truth
+    from miniloop_cli.scans.trajectory import read_trajectory
 
-    if gt.is_dir():
-        gt = gt / "groundtruth.txt"
-        if not gt.is_file():
-            raise InputError(f"{gt.parent} has no groundtruth.txt: give the file of its ground truth to --gt")
-    return gt
+    if gt.is_file():
+        return read_trajectory(gt)
+    if (gt / "groundtruth.txt").is_file():
+        return read_trajectory(gt / "groundtruth.txt")
+    truth = read_ground_truth(open_sequence(gt))
+    if truth is None:
+        raise InputError(f"{gt} comes without ground truth (no groundtruth.txt): give a trajectory file to --gt")
+    return truth
 
 
 def rows_of(path: Path) -> NDArray[np.float64]:
@@ -124,19 +134,18 @@ def rows_of(path: Path) -> NDArray[np.float64]:
     return edge_stamps(read_table(path), path)
 
 
-def frame_stamps(folder: Any, gt: Path) -> NDArray[np.float64]:
-    """(n,) time stamps of the sequence's frames by number: from the result's frames.csv, else from the sequence."""
+def frame_stamps(folder: Results | None, gt: Path) -> NDArray[np.float64]:
+    """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording."""
     import numpy as np
 
     from miniloop_cli.errors import InputError
+    from miniloop_cli.scans import open_sequence
 
-    if folder.frames:
-        return np.array([float(row["timestamp"]) for row in folder.frames])
+    if folder and len(folder.frame_stamps_s):
+        return folder.frame_stamps_s
     if gt.is_dir():
-        from miniloop_cli.scans.tum import open_folder
-
-        return np.array([frame.timestamp_s for frame in open_folder(gt).frames])
-    raise InputError("frame numbers need the sequence's time stamps: give the sequence's folder to --gt")
+        return np.array([frame.timestamp_s for frame in open_sequence(gt).frames])
+    raise InputError("frame numbers need the recording's time stamps: give its folder to --gt")
 
 
 def table(numbers: dict[str, Any], source: str, association: str) -> str:

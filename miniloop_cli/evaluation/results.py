@@ -16,6 +16,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.scans.sequence import Trajectory
 
 RESULTS_ROOT = Path("results")
+LARGEST = 1e12  # no number of a run comes near
 
 
 def newest_result(root: Path = RESULTS_ROOT) -> Path:
@@ -67,6 +68,18 @@ class Results:
         return data
 
     @cached_property
+    def frame_stamps_s(self) -> NDArray[np.float64]:
+        """(n,) time stamps of the recording's frames by number, from frames.csv; empty without it.
+
+        Raises InputError if they are not increasing numbers.
+        """
+        path = self.root / "frames.csv"
+        stamps = column(self.frames, "timestamp", path)
+        if not (np.isfinite(stamps).all() and (np.diff(stamps) > 0).all()):
+            raise InputError(f"{path}: column timestamp must hold increasing numbers")
+        return stamps
+
+    @cached_property
     def edge_stamps_s(self) -> NDArray[np.float64]:
         """(e, 2) time stamps of the two frames of every verified edge."""
         return edge_stamps(self.edges, self.root / "edges.csv")
@@ -87,17 +100,22 @@ def read_table(path: Path) -> list[dict[str, str]]:
     return rows
 
 
+def column(rows: list[dict[str, str]], name: str, path: Path) -> NDArray[np.float64]:
+    """(n,) a column as numbers, NaN where it is missing, empty or absurd. Raises InputError for what is no number."""
+    try:
+        values = np.array([float(row.get(name) or "nan") for row in rows], float)
+    except ValueError as error:
+        raise InputError(f"{path}: column {name}: {error}") from None
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
+
+
 def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
     """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows where there is no verdict."""
-    stamps = np.empty((len(rows), 2))
-    kept = np.ones(len(rows), bool)
-    for k, row in enumerate(rows):
-        try:
-            stamps[k] = float(row["timestamp_i"]), float(row["timestamp_j"])
-        except (KeyError, ValueError) as error:
-            raise InputError(f"{path}, row {k + 2}: needs numbers in timestamp_i and timestamp_j ({error})") from error
-        kept[k] = row.get("verdict", "verified") == "verified"
-    return stamps[kept & np.isfinite(stamps).all(axis=1)]
+    stamps = np.stack([column(rows, f"timestamp_{end}", path) for end in "ij"], axis=1)
+    verified = np.array([row.get("verdict", "verified") == "verified" for row in rows], bool)
+    if np.isnan(stamps).any():
+        raise InputError(f"{path}: every row needs timestamp_i and timestamp_j")
+    return stamps[verified]
 
 
 def read_edge_list(path: Path, frame_stamps_s: NDArray[np.float64]) -> NDArray[np.float64]:

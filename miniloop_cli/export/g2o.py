@@ -89,7 +89,9 @@ def read_g2o(path: Path) -> PoseGraph:
             ids, values = [int(v) for v in fields[:n_ids]], [float(v) for v in fields[n_ids:]]
         except ValueError as error:
             raise InputError(f"{path}, line {number}: {error}") from None
-        if len(values) != n_values or not np.isfinite(values).all() or not any(values[3:7]):
+        if not all(0 <= k < 2**31 for k in ids):
+            raise InputError(f"{path}, line {number}: vertices are numbered from 0 to 2^31 - 1")
+        if len(values) != n_values or not np.isfinite(values).all() or not np.linalg.norm(values[3:7]) > 1e-6:
             raise InputError(f"{path}, line {number}: a {tag} needs {n_values} finite numbers and a unit quaternion")
         if n_ids == 1:
             vertices[ids[0]] = values

@@ -34,13 +34,9 @@ class Model:
     def frame_numbers(self) -> NDArray[np.int64]:
         """(n,) number in the recording of each pose: by frames.csv, else by the recording, else 0, 1, 2 ..."""
         stamps = self.trajectory.timestamps_s
-        if self.results.frames:
-            known = np.array([float(row["timestamp"]) for row in self.results.frames])
-        elif self.sequence:
-            return self.recording_rows
-        else:
-            return np.arange(len(stamps))
-        return rows_of(known, stamps, self.results.root / "frames.csv")
+        if len(self.results.frame_stamps_s):
+            return rows_of(self.results.frame_stamps_s, stamps, self.results.root / "frames.csv")
+        return self.recording_rows if self.sequence else np.arange(len(stamps))
 
     @cached_property
     def graph(self) -> PoseGraph:

@@ -11,6 +11,7 @@ import numpy as np
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.evaluation.results import LARGEST
 from miniloop_cli.export.ply import read_ply
 from miniloop_cli.report import charts
 from miniloop_cli.report.data import Edges, ReportData
@@ -23,6 +24,7 @@ WORST_EDGES = 10
 MOST_ROWS = 5000  # of the edge table; the rest is in edges.csv
 FIRST_ROWS = 25  # shown at once; page.js shows as many
 MOST_THUMBNAILS = 24
+FARTHEST_M = 1e6
 COLUMNS = ("i", "j", "matches", "inliers", "solver", "cycle", "verdict", "rot deg", "trans cm")
 
 
@@ -93,6 +95,8 @@ def model_section(data: ReportData, trajectory: Trajectory | None) -> str:
         points, colors = read_ply(path)
     except InputError as error:
         return section("Model", f"<p>{escape(str(error))}</p>")
+    sane = (np.abs(points) < FARTHEST_M).all(axis=1)
+    points, colors = points[sane], colors[sane]
     if len(points) < 10:
         return section("Model", "<p>cloud.ply is empty.</p>")
     pictures = []
@@ -201,7 +205,8 @@ def run_section(data: ReportData) -> str:
     """Timings, settings, versions, log."""
     summary = data.summary
     timings = summary.get("timings_s")
-    timings = {k: v for k, v in timings.items() if isinstance(v, (int, float))} if isinstance(timings, dict) else {}
+    items = timings.items() if isinstance(timings, dict) else ()
+    timings = {k: v for k, v in items if isinstance(v, (int, float)) and 0 <= v < LARGEST}
     longest = max(timings.values(), default=0) or 1
     bars = "".join(
         f"<tr><td>{escape(str(name))}</td><td>{seconds:.2f} s</td>"

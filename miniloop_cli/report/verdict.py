@@ -70,7 +70,7 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
     edges = data.edges
     facts = []
     if len(edges):
-        counts = Counter(text.split()[0].rstrip(":") if text else "unknown" for text in edges.verdict)
+        counts = Counter(text or "unknown" for text in edges.verdict)
         listed = ", ".join(f"{count} {name}" for name, count in counts.most_common())
         facts.append(f"{len(edges)} pairs of frames have enough matches: {listed}.")
     kept = edges.worst_first

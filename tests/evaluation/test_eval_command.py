@@ -86,7 +86,7 @@ def test_nothing_heavy_is_imported(run_folder):
     ("arguments", "words"),
     [
         (["eval", "{empty}", "--gt", "{sequence}"], "no trajectory.txt"),
-        (["eval", "{result}", "--gt", "{empty}"], "no groundtruth.txt"),
+        (["eval", "{result}", "--gt", "{empty}"], "is empty"),
         (["eval", "--gt", "{sequence}"], "no result under"),
     ],
 )

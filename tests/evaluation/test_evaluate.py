@@ -206,7 +206,7 @@ def test_the_graph_is_its_verified_edges(tmp_path):
     )
     assert Results(tmp_path).edge_stamps_s.tolist() == [[1.5, 2.5]]
     (tmp_path / "edges.csv").write_text(header + "0,1,x,2.5,verified\n")
-    with pytest.raises(InputError, match="row 2"):
+    with pytest.raises(InputError, match="timestamp_i"):
         _ = Results(tmp_path).edge_stamps_s
     (tmp_path / "edges.csv").write_text(header + "0,1\n")
     with pytest.raises(InputError, match="row 2"):
