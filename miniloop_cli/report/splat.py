@@ -51,7 +51,7 @@ def overview(points: Floats, T_world_cam: Floats, yaw_deg: float, pitch_deg: flo
     return View(se3.pose(R_view_world, np.array([0, 0, distance]) - centre), focal, width, height)
 
 
-def render(points: Floats, colors: NDArray[np.uint8], view: View, point_m: float = 0.012) -> NDArray[np.uint8]:
+def render(points: Floats, colors: NDArray[np.uint8], view: View, point_m: float = 0.016) -> NDArray[np.uint8]:
     """(h, w, 3) picture of (n, 3) points with (n, 3) colours, drawn as squares of `point_m` metres (1 to 6 px)."""
     px, z = view.project(points)
     side = np.clip(np.ceil(view.focal_px * point_m / np.maximum(z, NEAR_M)), 1, LARGEST_PX)
