@@ -99,7 +99,8 @@ def evaluate(
     else:
         edges = folder.edge_stamps_s if folder else None
     protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap)
-    evaluation = run(trajectory, ground_truth(gt), edges, protocol)
+    edges_are = f"edges of {edges_path.name}" if edges_path else "verified edges"
+    evaluation = run(trajectory, ground_truth(gt), edges, protocol, edges_are)
     if json_path != "-":
         click.echo(table(evaluation.numbers, str(source), protocol.describe()))
     if json_path:

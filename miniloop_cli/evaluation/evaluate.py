@@ -64,11 +64,12 @@ def evaluate(
     ground_truth: Trajectory,
     edge_stamps_s: Array | None = None,
     protocol: Protocol | None = None,
+    edges_are: str = "verified edges",
 ) -> Evaluation:
     """Absolute error after alignment on positions; relative errors over edges, consecutive poses and one second.
 
-    `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph. Relative errors need no
-    alignment; with "Sim3" they are measured on the scaled trajectory. "consecutive" are neighbours among the poses
+    `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph, `edges_are` what the
+    protocol calls them. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory. "consecutive" are neighbours among the poses
     that have ground truth, as in evo.
     Raises MiniloopError if fewer than three poses have ground truth.
     """
@@ -88,7 +89,7 @@ def evaluate(
     shared = {"association": protocol.association, "max_diff_s": protocol.max_diff_s, "max_gap_s": protocol.max_gap_s}
     edges = np.empty((0, 2)) if edge_stamps_s is None else edge_stamps_s
     pairs = {
-        "edges": (edge_rows(stamps, edges), "verified edges"),
+        "edges": (edge_rows(stamps, edges), edges_are),
         "consecutive": (consecutive_pairs(len(stamps)), "1 frame"),
         "seconds": (pairs_apart(stamps, protocol.delta_s), f"{protocol.delta_s:g} s +- 10 %"),
     }

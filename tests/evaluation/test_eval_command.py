@@ -64,6 +64,7 @@ def test_own_edge_list_and_files(run_folder, tmp_path):
     outcome = CliRunner().invoke(cli, arguments, catch_exceptions=False)
     data = json.loads((tmp_path / "out.json").read_text())
     assert data["rpe"]["edges"]["pairs"] == 2
+    assert data["protocol"]["delta"]["edges"] == "edges of edges.txt"
     assert data["protocol"]["alignment"] == "Sim3"
     assert "Sim3" in outcome.stdout
     for name in ("trajectory.png", "errors.png"):
