@@ -69,8 +69,8 @@ def evaluate(
     """Absolute error after alignment on positions; relative errors over edges, consecutive poses and one second.
 
     `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph, `edges_are` what the
-    protocol calls them. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory. "consecutive" are neighbours among the poses
-    that have ground truth, as in evo.
+    protocol calls them. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory.
+    "consecutive" are neighbours among the poses that have ground truth, as in evo.
     Raises MiniloopError if fewer than three poses have ground truth.
     """
     protocol = protocol or Protocol()
