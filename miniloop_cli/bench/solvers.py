@@ -30,7 +30,7 @@ SINGLE_CALLS = 2000
 
 
 class Entry(NamedTuple):
-    """A solver under test, and what the paper says of it: microseconds a call in Matlab, maximum number of solutions."""
+    """A solver under test; of the paper: microseconds a call in Matlab, maximum number of solutions."""
 
     upright: bool = False
     paper_us: float | None = None
@@ -110,7 +110,7 @@ def _timings(module: ModuleType, name: str, p: Array, q: Array) -> dict[str, flo
 
 
 def solver_rows(problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS)) -> list[dict[str, Any]]:
-    """One row a solver; each draws its problems from a generator of its own, so that rows do not depend on each other."""
+    """One row a solver; each draws its problems from a generator of its own: rows do not depend on each other."""
     return [solver_row(name, problems, np.random.default_rng([seed, list(SOLVERS).index(name)])) for name in names]
 
 

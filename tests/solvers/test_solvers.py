@@ -1,0 +1,198 @@
+"""Every solver by the one calling convention: the truth is found, bounds hold, degenerate samples give nothing."""
+
+import numpy as np
+import pytest
+from solver_cases import ALL, PLANAR, name_of, nearest_errors, poses, single
+
+from miniloop_cli.bench.problems import random_problems
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.solvers.batch import edges_of, match_residuals
+
+solvers = pytest.mark.parametrize("module", ALL.values(), ids=ALL.keys())
+BOUNDS = {"pairwise": 1, "cycle3": 1, "cycle4": 4, "cycle5": 8, "planar2": 1, "planar3": 2, "planar4": 2}
+
+
+def problems(module, rng, count, side=1.0):
+    return random_problems(rng, module.MATCHES, count, side, upright=name_of(module) in PLANAR)
+
+
+@solvers
+def test_truth_is_among_the_solutions(module, rng):
+    p, q, truth = problems(module, rng, 20000)
+    T, counts = module.solve_batch(p, q)
+    errors = nearest_errors(T, counts, truth)
+    assert (errors < 1e-6).mean() >= 0.9995
+    assert np.median(errors) < 1e-13
+
+
+@solvers
+def test_bounds_and_proper_poses(module, rng):
+    p, q, _ = problems(module, rng, 3000)
+    q += rng.normal(scale=0.02, size=q.shape)
+    T, counts = module.solve_batch(p, q)
+    assert BOUNDS[name_of(module)] == module.MAX_SOLUTIONS
+    assert counts.max() <= module.MAX_SOLUTIONS and counts.min() >= 0
+    assert np.isfinite(T).all()
+    used = np.arange(module.MAX_SOLUTIONS) < counts[:, None]
+    assert not T[~used].any()
+    R = T[used][..., :3]
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
+    assert (np.linalg.det(R) > 0).all()
+
+
+@solvers
+def test_every_exact_solution_meets_every_match(module, rng):
+    p, q, _ = problems(module, rng, 2000)
+    options = {"nearly_real": 0.0} if hasattr(module, "solve_within") else {}
+    T, counts = module.solve_batch(p, q, **options)
+    # The 5-cycle has one equation more than unknowns: only its best solution meets them all.
+    slots = 1 if name_of(module) == "cycle5" else module.MAX_SOLUTIONS
+    worst = [match_residuals(poses(T[:, s]), p, q, module.MATCHES).max(axis=1)[counts > s] for s in range(slots)]
+    residuals = np.concatenate(worst)
+    assert np.quantile(residuals, 0.999) < 1e-6
+    assert np.median(residuals) < 1e-13
+
+
+@solvers
+def test_single_entry_core_and_batch_agree(module, rng):
+    p, q, truth = problems(module, rng, 20)
+    T, counts = module.solve_batch(p, q)
+    for i in range(len(p)):
+        solutions = single(module)(p[i], q[i])
+        assert solutions.shape == (counts[i], truth.shape[1], 4, 4)
+        np.testing.assert_array_equal(solutions, poses(T[i, : counts[i]]))
+        core = np.zeros_like(T[i])
+        assert module.solve(p[i], q[i], core) == counts[i]
+        np.testing.assert_allclose(core, T[i], atol=1e-9)
+
+
+@solvers
+def test_best_keeps_one_solution(module, rng):
+    p, q, _ = problems(module, rng, 50)
+    for i in range(len(p)):
+        best = single(module)(p[i], q[i], best=True)
+        assert len(best) == 1
+        assert match_residuals(best[0], p[i], q[i], module.MATCHES).max() < 1e-6
+
+
+def test_redundant_match_singles_out_the_truth_of_a_5_cycle(rng):
+    module = ALL["cycle5"]
+    p, q, truth = problems(module, rng, 5000)
+    T, counts = module.solve_batch(p, q)
+    first = np.abs(T[:, 0] - truth[:, :, :3]).max(axis=(1, 2, 3))
+    assert (first < 1e-6).mean() > 0.999
+    # Sorted: the closing residual grows with the slot.
+    closing = [match_residuals(poses(T[:, s]), p, q, module.MATCHES)[:, -2:] for s in range(4)]
+    norms = np.linalg.norm(closing, axis=-1)
+    for s in range(3):
+        both = counts > s + 1
+        assert (norms[s][both] <= norms[s + 1][both] + 1e-9).all()
+
+
+@solvers
+@pytest.mark.parametrize("side", [1e-6, 1e-3, 400.0, 1e6])
+def test_any_unit_of_length(module, side, rng):
+    p, q, truth = problems(module, rng, 500, side)
+    T, counts = module.solve_batch(p, q)
+    T[..., 3] /= side
+    truth[..., :3, 3] /= side
+    assert (nearest_errors(T, counts, truth) < 1e-6).mean() > 0.99
+
+
+@solvers
+def test_small_noise_moves_solutions_little(module, rng):
+    p, q, truth = problems(module, rng, 2000)
+    q = q + rng.normal(scale=1e-9, size=q.shape)
+    T, counts = module.solve_batch(p, q)
+    errors = nearest_errors(T, counts, truth)
+    assert np.median(errors) < 1e-7
+    assert (errors < 1e-4).mean() > 0.99
+
+
+def degenerate_samples(module, rng):
+    k = sum(module.MATCHES)
+    p, q, _ = (a[0] for a in problems(module, rng, 1))
+    x = rng.normal(size=(k, 3))
+    vertical = x * [0, 0, 1]
+    yield "all zero", np.zeros((k, 3)), np.zeros((k, 3))
+    yield "one point", np.tile(x[0], (k, 1)), np.tile(x[1], (k, 1))
+    yield "one point in scan e only", np.tile(x[0], (k, 1)), q
+    yield "not a number", np.full((k, 3), np.nan), q
+    yield "infinite", p, np.full((k, 3), np.inf)
+    yield "on a vertical line", vertical, vertical
+    for i in range(k):
+        for value in (np.nan, np.inf, -np.inf):
+            for axis in range(3):
+                bad = p.copy()
+                bad[i, axis] = value
+                yield f"{value} at {i}, {axis}", bad, q
+                yield f"{value} at {i}, {axis} of q", p, np.where(bad == p, q, bad)
+
+
+@solvers
+def test_degenerate_samples_give_no_solution(module, rng):
+    for what, p, q in degenerate_samples(module, rng):
+        T = np.zeros((module.MAX_SOLUTIONS, max(len(module.MATCHES), 2) - 1, 3, 4))
+        assert module.solve(np.ascontiguousarray(p), np.ascontiguousarray(q), T) == 0, what
+        assert not T.any(), what
+
+
+@pytest.mark.parametrize("name", ["pairwise", "cycle3", "cycle4", "cycle5"])
+def test_degenerate_geometry_in_space(name, rng):
+    module = ALL[name]
+    k = sum(module.MATCHES)
+    p, q, _ = (a[0] for a in problems(module, rng, 1))
+    line = np.outer(rng.normal(size=k), rng.normal(size=3)) + rng.normal(size=3)
+    samples = {"collinear": (line, line)}
+    twice, twice_q = p.copy(), q.copy()
+    twice[1], twice_q[1] = p[0], q[0]
+    if name == "pairwise":
+        on_axis = 0.3 * p[0] + 0.7 * p[1], 0.3 * q[0] + 0.7 * q[1]
+    else:
+        # The closing match on the first axis: the first turn cannot be seen.
+        on_axis = 0.3 * p[0] + 0.7 * p[1], q[-1]
+    samples["coincident matches"] = (twice, twice_q)
+    a, b = p.copy(), q.copy()
+    a[-1], b[-1] = on_axis
+    if name == "cycle5":
+        a[-2] = -0.5 * p[0] + 1.5 * p[1]
+    samples["closing match on an axis"] = (a, b)
+    if name in ("cycle3", "cycle4"):
+        # Axes that meet, in the scan in which the solver combines them: the same point is matched on both edges.
+        meeting, meeting_p = q.copy(), p.copy()
+        e = 2 if name == "cycle3" else 4
+        meeting_p[e] = q[e - 2]
+        samples["meeting axes"] = (meeting_p, meeting)
+    for what, (a, b) in samples.items():
+        assert len(single(module)(a, b)) == 0, what
+
+
+@pytest.mark.parametrize("name", ["cycle3", "cycle4", "cycle5"])
+def test_points_of_one_plane_are_degenerate_for_cycles(name, rng):
+    """Axes within one plane meet or are parallel: no cycle can be had from a single wall, pairs can."""
+    module = ALL[name]
+    p = rng.normal(size=(sum(module.MATCHES), 3)) * [1, 1, 0] + [0, 0, 2.0]
+    assert len(single(module)(p, p)) == 0
+
+
+@solvers
+def test_wrong_shapes_are_told(module, rng):
+    p, q, _ = (a[0] for a in problems(module, rng, 1))
+    with pytest.raises(MiniloopError, match=str(len(p))):
+        single(module)(p[:-1], q[:-1])
+    with pytest.raises(MiniloopError, match="samples"):
+        module.solve_batch(p, q)
+
+
+def test_edges_of_a_cycle():
+    assert edges_of((3,)) == [(0, 1)]
+    assert edges_of((2, 2, 1)) == [(0, 1), (1, 2), (0, 2)]
+    assert edges_of((2, 2, 2, 2, 2)) == [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]
+
+
+def test_residuals_of_the_truth_are_zero_and_of_a_shifted_edge_known(rng):
+    p, q, truth = (a[0] for a in random_problems(rng, (2, 2, 1), 1))
+    np.testing.assert_allclose(match_residuals(truth, p, q, (2, 2, 1)), 0, atol=1e-14)
+    shifted = truth.copy()
+    shifted[1, 2, 3] += 0.25
+    np.testing.assert_allclose(match_residuals(shifted, p, q, (2, 2, 1)), [0, 0, 0.25, 0.25, 0.25], atol=1e-14)
