@@ -29,15 +29,14 @@ from miniloop_cli.solvers.six_revolute_roots import MAX_ROOTS, real_roots
 MAX_SOLUTIONS = 16
 # Value of `nearly_real` with which every solution closes the chain.
 EXACT = 0.0
-# Closing error (rad, and in units of the mean link length) below which a chain is closed.
-CLOSED = 1e-12
+# A closing error (rad, and in units of the mean link length) over the ratio of pivots of its derivative tells how well
+# the angles are determined. Beyond this the chain can move or solutions coincide, as with axes within one plane.
+DETERMINED = 1e-8
 NEWTON_STEPS = 20
 # Closing error before Newton's method above which rounding may have swallowed other roots.
 ROUGH = 1e-6
 # Closing error before Newton's method above which a root is no root.
 HOPELESS = 0.1
-# Ratio of pivots of the closing error's derivative below which the chain can move.
-MOVABLE = 1e-8
 # Double roots are torn into complex pairs by rounding, at most so far (rad).
 TORN = 1e-3
 # Two solutions all of whose angles (rad) agree to this are one.
@@ -141,9 +140,9 @@ def _solve_cut(C: Array, D: Array, cut: int, nearly_real: float, angles: Array, 
         if rough > HOPELESS:
             sound = sound and not real
             continue
-        error, ratio = close(C, a, NEWTON_STEPS, 0.01 * CLOSED)
-        closed = error < CLOSED and ratio > MOVABLE
-        if closed or (not real and CLOSED < error < nearly_real):
+        error, ratio = close(C, a, NEWTON_STEPS, 1e-14)
+        closed = error < DETERMINED * ratio
+        if closed or (not real and DETERMINED < error < nearly_real):
             row = _find(a, cut, angles, count)
             sound = sound and not (real and seen[row]) and not (closed and rough > ROUGH)
             seen[row] = True

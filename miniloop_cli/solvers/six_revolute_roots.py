@@ -4,10 +4,12 @@ f(a) = c0 + sum_k (c_k cos k a + c_{8+k} sin k a) is a form of degree 16 in (cos
 angles, with the point on the chord between them as the parameter, it is a polynomial of degree 16 with the same roots.
 The sign changes of its Bernstein coefficients exceed the number of roots in the arc by an even number: none means no
 root, one means one root, otherwise the arc is halved (de Casteljau). A count of two or more that falls to zero as the
-arc is halved betrays a complex pair about as far from the real axis as the arc is wide.
+arc is halved betrays a complex pair near by.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
@@ -67,16 +69,18 @@ def _halve(left: Array, right: Array) -> None:
 
 
 @njit(**OPTIONS)
-def _evaluate(c: Array, a: float) -> tuple[float, float]:
-    """Value and slope at the angle a (rad)."""
-    x, y = np.cos(a), np.sin(a)
+def _evaluate(c: Array, a: float) -> tuple[float, float, float]:
+    """Value, slope and curvature at the angle a (rad)."""
+    x, y = math.cos(a), math.sin(a)
     ck, sk = 1.0, 0.0
-    f, d = c[0], 0.0
+    f, d, h = c[0], 0.0, 0.0
     for k in range(1, DEGREE + 1):
         ck, sk = ck * x - sk * y, sk * x + ck * y
-        f += c[k] * ck + c[k + DEGREE] * sk
+        wave = c[k] * ck + c[k + DEGREE] * sk
+        f += wave
         d += k * (c[k + DEGREE] * ck - c[k] * sk)
-    return f, d
+        h -= k * k * wave
+    return f, d, h
 
 
 @njit(**OPTIONS)
@@ -84,7 +88,7 @@ def _bracketed_root(c: Array, lo: float, hi: float, rising: bool) -> float:
     """The root inside a bracket: Newton guarded by bisection."""
     a = 0.5 * (lo + hi)
     for _ in range(60):
-        f, d = _evaluate(c, a)
+        f, d, _ = _evaluate(c, a)
         if (f > 0.0) == rising:
             hi = a
         else:
@@ -99,19 +103,34 @@ def _bracketed_root(c: Array, lo: float, hi: float, rising: bool) -> float:
 
 
 @njit(**OPTIONS)
+def _nearly_real(c: Array, lo: float, hi: float) -> tuple[float, float]:
+    """Real part of the complex pair near the arc and its imaginary part: f is nearly a parabola f0 + f2 (a - a0)^2 / 2.
+
+    The imaginary part is infinite if there is no such pair.
+    """
+    a = 0.5 * (lo + hi)
+    for _ in range(8):
+        f, d, h = _evaluate(c, a)
+        a -= d / h
+        if not abs(2 * a - lo - hi) < 2 * (hi - lo):
+            return a, math.inf
+    return a, math.sqrt(2 * f / h) if f / h > 0.0 else math.inf
+
+
+@njit(**OPTIONS)
 def _angle(arc: int, s: float) -> float:
     """Angle (rad) at the fraction s of the chord of an arc."""
     half = 0.25 * _ARC_RAD
-    return _START_RAD + _ARC_RAD * (arc + 0.5) + 2 * np.arctan((2 * s - 1) * np.tan(half))
+    return _START_RAD + _ARC_RAD * (arc + 0.5) + 2 * math.atan((2 * s - 1) * math.tan(half))
 
 
 @njit(**OPTIONS)
 def real_roots(c: Array, near_rad: float, out: Array) -> int:
     """Angles (rad) at which the trigonometric polynomial c (17,) vanishes, and those of nearly real pairs.
 
-    A complex pair within roughly near_rad of the real axis gives one candidate close to its real part. Row k of
-    out (MAX_ROOTS, 2): the angle, and the width of the arc on which a pair was given up, zero for a real root.
-    Returns the number of rows.
+    A complex pair less than near_rad (at most some 0.05) from the real axis gives one candidate, its real part, unless
+    that is the very end of an arc. Row k of out (MAX_ROOTS, 2): the angle, and the imaginary part of a pair, zero for a
+    real root. Returns the number of rows.
     """
     b = np.empty((_DEPTH + 2, _ORDER + 1))
     start = np.empty(_DEPTH + 2)
@@ -147,9 +166,11 @@ def real_roots(c: Array, near_rad: float, out: Array) -> int:
                 _halve(b[top + 1], b[top])
                 start[top + 1], level[top + 1] = s, depth + 1
                 start[top], level[top] = s + half, depth + 1
-                if width * _ARC_RAD < near_rad and _sign_changes(b[top]) + _sign_changes(b[top + 1]) == 0:
-                    out[n, 0], out[n, 1] = _angle(arc, s + half), width * _ARC_RAD
-                    n += 1
+                if _sign_changes(b[top]) + _sign_changes(b[top + 1]) == 0:
+                    angle, imaginary = _nearly_real(c, _angle(arc, s), _angle(arc, s + width))
+                    if imaginary < near_rad:
+                        out[n, 0], out[n, 1] = angle, imaginary
+                        n += 1
                     top -= 1
                 else:
                     top += 1
