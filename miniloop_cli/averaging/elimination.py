@@ -19,21 +19,24 @@ Factor = tuple[Ints, Ints, Ints, Floats, Floats]
 
 
 @njit(cache=True, nogil=True)
-def _move(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
-    """Take scan v from its bucket and put it in front of bucket `degree` (none for a negative one)."""
-    if bucket[v] >= 0:
-        if before[v] >= 0:
-            after[before[v]] = after[v]
-        else:
-            first[bucket[v]] = after[v]
-        if after[v] >= 0:
-            before[after[v]] = before[v]
+def _take(v: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
+    """Scan v out of its bucket."""
+    if before[v] >= 0:
+        after[before[v]] = after[v]
+    else:
+        first[bucket[v]] = after[v]
+    if after[v] >= 0:
+        before[after[v]] = before[v]
+
+
+@njit(cache=True, nogil=True)
+def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
+    """Scan v in front of bucket `degree`."""
     bucket[v] = degree
-    if degree >= 0:
-        before[v], after[v] = -1, first[degree]
-        if first[degree] >= 0:
-            before[first[degree]] = v
-        first[degree] = v
+    before[v], after[v] = -1, first[degree]
+    if first[degree] >= 0:
+        before[first[degree]] = v
+    first[degree] = v
 
 
 @njit(cache=True, nogil=True)
@@ -56,7 +59,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     first, bucket = np.full(buckets, -1), np.full(count, -1)
     after, before = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     for v in range(count):
-        _move(v, min(degree[v], buckets - 1), first, after, before, bucket)
+        _put(v, min(degree[v], buckets - 1), first, after, before, bucket)
 
     order, position = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     start, D = np.zeros(count + 1, dtype=np.int64), np.zeros(count)
@@ -69,7 +72,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
         while first[lowest] < 0:
             lowest += 1
         v = first[lowest]
-        _move(v, -1, first, after, before, bucket)
+        _take(v, first, after, before, bucket)
         order[step], position[v] = v, step
         k = 0
         h = head[v]
@@ -104,7 +107,8 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
         start[step + 1] = at + k
         if at + k > len(row):
             more_row, more_entry = np.empty(2 * (at + k), dtype=np.int64), np.empty(2 * (at + k))
-            more_row[:at], more_entry[:at] = row[:at], entry[:at]
+            for a in range(at):
+                more_row[a], more_entry[a] = row[a], entry[a]
             row, entry = more_row, more_entry
         for a in range(k):
             row[at + a], entry[at + a] = to[near[a]], value[near[a]] / suffix[0]
@@ -136,12 +140,13 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
             u = row[at + a]
             d = min(degree[u], buckets - 1)
             if d != bucket[u]:
-                _move(u, d, first, after, before, bucket)
+                _take(u, first, after, before, bucket)
+                _put(u, d, first, after, before, bucket)
                 lowest = min(lowest, d)
     total = start[count]
     for a in range(total):
         row[a] = position[row[a]]
-    return order, start, row[:total].copy(), entry[:total].copy(), D
+    return order, start, row[:total], entry[:total], D
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -10,9 +10,6 @@ from miniloop_cli.errors import RegistrationError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-WEIGHT_RANGE = 1e9
-"""Largest over smallest positive weight; smaller weights are raised, or the equations lose their digits."""
-
 
 class GraphError(RegistrationError):
     """The view graph cannot be averaged: not connected, or edges that are no edges."""
@@ -26,6 +23,8 @@ def components(count: int, pairs: ArrayLike) -> Ints:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    if count < 1:
+        return np.zeros(0, dtype=np.int64)
     i, j = checked_pairs(count, pairs).T
     ones = np.ones(len(i), dtype=np.int8)
     found, labels = connected_components(coo_array((ones, (i, j)), shape=(count, count)), directed=False)
@@ -48,7 +47,7 @@ def checked_pairs(count: int, pairs: ArrayLike) -> Ints:
 
 
 def checked_weights(weights: ArrayLike | None, edges: int) -> Floats:
-    """Edge weights (m,), the largest 1, zeros kept, all others at least 1 / WEIGHT_RANGE; None: all 1."""
+    """Edge weights (m,), the largest 1; None: all 1. GraphError for shapes, signs or values that are no weights."""
     if weights is None:
         return np.ones(edges)
     weights = np.array(weights, dtype=np.float64)
@@ -58,16 +57,15 @@ def checked_weights(weights: ArrayLike | None, edges: int) -> Floats:
     if wrong.any():
         e = int(np.flatnonzero(wrong)[0])
         raise GraphError(f"edge {e} has weight {weights[e]}; weights must be finite and not negative")
-    if edges and weights.max() > 0:
-        weights /= weights.max()
-        weights[weights > 0] = np.maximum(weights[weights > 0], 1 / WEIGHT_RANGE)
-    return weights
+    return weights / weights.max(initial=0.0) if weights.any() else weights
 
 
 def require_connected(count: int, pairs: Ints) -> None:
-    """GraphError unless the edges connect all `count` scans."""
+    """GraphError unless the edges connect all of the `count` >= 1 scans."""
+    if count < 1:
+        raise GraphError("there is no scan to average; at least one is needed")
     labels = components(count, pairs)
-    if count and labels.max() > 0:
+    if labels.max() > 0:
         lone = int(np.flatnonzero(labels)[0])
         raise GraphError(
             f"the view graph has {labels.max() + 1} components (scan {lone} is not connected to the largest); "

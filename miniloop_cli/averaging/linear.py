@@ -18,6 +18,9 @@ DENSE_SCANS = 300
 
 CG_STEPS = 300
 
+WEIGHT_RANGE = 1e10
+"""Weights below the largest by more are raised to this, or the equations would lose their digits."""
+
 
 def spread(x: Floats) -> float:
     """Root mean square of the rows of x (n, 3) about their mean: the size of an increment whatever the gauge."""
@@ -36,10 +39,11 @@ class Differences:
     def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
         """x (n, 3), x[0] = 0, that minimises sum of w_e |x_i - x_j - d_e|^2.
 
-        `weights` (m,) positive, `d` (m, 3). Large graphs: conjugate gradients, stopped when the error in the energy
+        `weights` (m,) not negative, `d` (m, 3). Large graphs: conjugate gradients, stopped when the error in the energy
         norm has fallen by about `tolerance`.
         """
         i, j = self.pairs.T
+        weights = np.maximum(weights, weights.max(initial=0.0) / WEIGHT_RANGE)
         wd = weights * d.T
         b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
         degree = np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count)
@@ -80,18 +84,27 @@ def conjugate_gradients(
 ) -> Floats:
     """x (n, 3) with Laplacian x = b, each column on its own, preconditioned by the factor (order .. D)."""
     n = len(b)
-    x, r, z, Lp, room = np.zeros((n, 3)), b.copy(), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    alpha, rz, new = np.zeros(3), np.zeros(3), np.empty(3)
-    apply(order, start, row, value, D, r, z, room)
-    p = z.copy()
-    for v in range(n):
+    x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3))
+    p, Lp, room = np.zeros((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    alpha, beta, rz, enough = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for step in range(most + 1):
+        apply(order, start, row, value, D, r, z, room)
+        done = True
         for c in range(3):
-            rz[c] += r[v, c] * z[v, c]
-    enough = tolerance * tolerance * rz
-    for _ in range(most):
-        if (rz <= enough).all():
+            new = 0.0
+            for v in range(n):
+                new += r[v, c] * z[v, c]
+            if step == 0:
+                enough[c] = tolerance * tolerance * new
+            beta[c] = new / rz[c] if rz[c] > 0 else 0.0
+            rz[c] = new
+            done = done and new <= enough[c]
+            alpha[c] = 0.0
+        if done:
             break
-        alpha[:] = 0.0
+        for v in range(n):
+            for c in range(3):
+                p[v, c] = z[v, c] + beta[c] * p[v, c]
         for v in range(n):
             s0, s1, s2 = degree[v] * p[v, 0], degree[v] * p[v, 1], degree[v] * p[v, 2]
             for a in range(first[v], first[v + 1]):
@@ -109,15 +122,4 @@ def conjugate_gradients(
             for c in range(3):
                 x[v, c] += alpha[c] * p[v, c]
                 r[v, c] -= alpha[c] * Lp[v, c]
-        apply(order, start, row, value, D, r, z, room)
-        new[:] = 0.0
-        for v in range(n):
-            for c in range(3):
-                new[c] += r[v, c] * z[v, c]
-        for c in range(3):
-            alpha[c] = new[c] / rz[c] if rz[c] > 0 else 0.0
-            rz[c] = new[c]
-        for v in range(n):
-            for c in range(3):
-                p[v, c] = z[v, c] + alpha[c] * p[v, c]
     return x

@@ -8,6 +8,7 @@ on the group. L1 is had by the weights 1 / |r|, IRLS by those of the Geman-McClu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,7 @@ from miniloop_cli.averaging import kernels
 from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs, checked_weights, require_connected
 from miniloop_cli.averaging.linear import Differences, spread
 from miniloop_cli.averaging.start import tree_start, trust, voted_start
+from miniloop_cli.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ def average_rotations(
     R_j_i: ArrayLike,
     weights: ArrayLike | None = None,
     *,
-    start: str = "votes",
+    start: Literal["votes", "tree"] = "votes",
     l1_iterations: int = 10,
     irls_iterations: int = 50,
     scale_deg: float = 3.0,
@@ -60,23 +62,26 @@ def average_rotations(
     used = np.flatnonzero(weights)
     require_connected(count, pairs[used])
     edges, q_j_i, w = pairs[used], q_all[used], weights[used]
+    if start not in ("votes", "tree"):
+        raise ConfigError(f"averaging starts by 'votes' or along a 'tree', not by {start!r}")
     if count < 2:
-        return _result(np.eye(1, 4).repeat(count, axis=0), pairs, q_all, True, 0)
+        return _result(np.eye(1, 4), pairs, q_all, True, 0)
 
     scale, tolerance = np.radians(scale_deg), np.radians(tolerance_deg)
     if start == "tree":
-        q = tree_start(count, edges, q_j_i, w)
+        q, false_beyond = tree_start(count, edges, q_j_i, w), np.inf
     else:
         T_j_i = np.hstack([q_j_i, np.zeros((len(edges), 3))])
-        q = voted_start(count, edges, T_j_i, trust(w), (float(np.cos(scale)), np.inf))[:, :4].copy()
+        q = voted_start(count, edges, T_j_i, trust(w), (float(np.cos(scale)), np.inf))
+        q, false_beyond = np.ascontiguousarray(q[:, :4]), 20.0
     system = Differences(count, edges)
     step, iterations = np.inf, 0
     for k in range(l1_iterations):
-        # 1 / |r|, smoothed at first: a tree's edges have no residual, and infinite weights would keep it so. Residuals
-        # of 60 degrees and more are no drift, which L1 is to spread over the loops, but false edges.
+        # 1 / |r|, smoothed at first: a tree's edges have no residual, and infinite weights would keep it so. After the
+        # votes, residuals of 20 scales and more are no drift, for L1 to spread over the loops, but false edges.
         r = kernels.residuals(q, edges, q_j_i)
         r2 = (r * r).sum(1) / scale**2
-        step = _advance(q, system, w / np.sqrt(r2 + max(2 / 2**k, 1 / 8) ** 2) / (1 + r2 / 20**2), r)
+        step = _advance(q, system, w / np.sqrt(r2 + max(2 / 2**k, 1 / 8) ** 2) / (1 + r2 / false_beyond**2), r)
         iterations += 1
         if step < scale / 30:
             break
@@ -105,7 +110,10 @@ def _quaternions(R_j_i: ArrayLike, edges: int) -> Floats:
     if not np.isfinite(R_j_i).all():
         e = int(np.flatnonzero(~np.isfinite(R_j_i).all((1, 2)))[0])
         raise GraphError(f"the rotation of edge {e} is not finite")
-    return np.ascontiguousarray(Rotation.from_matrix(R_j_i).as_quat(scalar_first=True))
+    try:
+        return np.ascontiguousarray(Rotation.from_matrix(R_j_i).as_quat(scalar_first=True))
+    except ValueError as error:
+        raise GraphError(f"an edge's matrix is no rotation ({error})") from error
 
 
 def _result(q: Floats, pairs: Ints, q_j_i: Floats, converged: bool, iterations: int) -> RotationAverage:

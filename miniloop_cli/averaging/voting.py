@@ -71,11 +71,11 @@ def directed(T_j_i: Floats, pairs: Ints, e: int, v: int) -> Row:
 
 
 @njit(cache=True, nogil=True)
-def mean(proposal: Floats, first: int, end: int, best: int, vote: Floats, near: Near) -> Row:
-    """Weighted mean of the proposals first .. end - 1 that agree with `best`."""
+def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
+    """Weighted mean of the proposals (k, 7) that agree with that of index `best`."""
     total, m = 0.0, np.zeros(7)
     b = load(proposal, best)
-    for k in range(first, end):
+    for k in range(len(proposal)):
         a = load(proposal, k)
         if agree(a, b, near):
             sign = math.copysign(vote[k], a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3])
@@ -86,6 +86,18 @@ def mean(proposal: Floats, first: int, end: int, best: int, vote: Floats, near: 
             total += vote[k]
     norm = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + m[3] * m[3])
     return m[0] / norm, m[1] / norm, m[2] / norm, m[3] / norm, m[4] / total, m[5] / total, m[6] / total
+
+
+@njit(cache=True, nogil=True)
+def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
+    """The free scan that waits longest in the highest level; -1: none."""
+    for k in range(LEVELS - 1, -1, -1):
+        while head[k] < tail[k]:
+            v = queue[k, head[k]]
+            head[k] += 1
+            if cluster[v] < 0:
+                return v
+    return -1
 
 
 @njit(cache=True, nogil=True)
@@ -151,15 +163,10 @@ def grow(
                     level[u] = reached
                     queue[reached, tail[reached]] = u
                     tail[reached] += 1
-            v = -1
-            for k in range(LEVELS - 1, -1, -1):
-                while head[k] < tail[k] and v < 0:
-                    u = queue[k, head[k]]
-                    head[k] += 1
-                    if cluster[u] < 0:
-                        v = u
+            v = next_scan(queue, head, tail, cluster)
             if v >= 0:
-                store(T, v, mean(proposal, start[v], start[v] + asked[v], best[v], vote, near))
+                end = start[v] + asked[v]
+                store(T, v, mean(proposal[start[v] : end], vote[start[v] : end], best[v] - start[v], near))
         clusters += 1
     return T, cluster, order
 
@@ -185,7 +192,7 @@ def loop_votes(
                 b += 1
             else:
                 around = compose(invert(directed(T_j_i, pairs, edge[b], j)), directed(T_j_i, pairs, edge[a], i))
-                closed += agree(invert(load(T_j_i, e)), invert(around), near)
+                closed += agree(load(T_j_i, e), around, near)
                 asked += 1
                 a += 1
                 b += 1
@@ -227,7 +234,9 @@ def vote_again(
     moved = 0
     for v in order:
         count = min(start[v + 1] - start[v], voters)
-        here, best, supported = load(T, v), 0, 0.0
+        if count == 0:
+            continue
+        here, supported = load(T, v), 0.0
         for k in range(count):
             a = start[v] + k * (start[v + 1] - start[v]) // count
             new = compose(load(T, neighbour[a]), directed(T_j_i, pairs, edge[a], v))
@@ -239,14 +248,10 @@ def vote_again(
                 if agree(new, load(proposal, b), near):
                     support[k] += vote[b]
                     support[b] += vote[k]
-        for k in range(1, count):
-            if support[k] > support[best]:
-                best = k
-        if count == 0:
-            continue
+        best = np.argmax(support[:count])
         if not agree(load(proposal, best), here, near):
             if supported >= support[best]:
                 continue
             moved += 1
-        store(T, v, mean(proposal, 0, count, best, vote, near))
+        store(T, v, mean(proposal[:count], vote[:count], best, near))
     return moved
