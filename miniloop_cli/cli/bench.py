@@ -7,6 +7,7 @@ import click
 from miniloop_cli.cli.main import CONTEXT, LazyGroup
 
 BENCHES: dict[str, str] = {
+    "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
 }
 

@@ -1,0 +1,95 @@
+"""`miniloop bench averaging`: motion averaging on view graphs with known poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from miniloop_cli.cli import options
+from miniloop_cli.cli.main import CONTEXT
+
+COLUMNS = {
+    "method": "method",
+    "kind": "kind",
+    "scans": "scans",
+    "edges": "edges",
+    "outliers": "outliers",
+    "seconds": "seconds",
+    "rotation_seconds": "rotation s",
+    "rot_err_deg_median": "median deg",
+    "rot_err_deg_mean": "mean deg",
+    "trans_err_median": "median m",
+    "peak_mb": "peak MB",
+    "converged": "converged",
+}
+
+
+def _share(ctx: click.Context, parameter: click.Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
+    """0.05 and 5 both mean five of a hundred edges."""
+    shares = tuple(value / 100 if value >= 1 else value for value in values)
+    if any(not 0 <= share < 1 for share in shares):
+        raise click.BadParameter("a share of the edges (0.05) or percent (5), below all of them")
+    return shares
+
+
+@click.command(name="averaging", context_settings=CONTEXT)
+@click.option("--scans", type=click.IntRange(min=2), multiple=True, default=(100, 1000, 10_000), show_default=True)
+@click.option("--edges", type=click.IntRange(min=1), help="Edges of each graph [default: 5 a scan].")
+@click.option(
+    "--outliers",
+    type=float,
+    multiple=True,
+    default=(0.05,),
+    show_default=True,
+    callback=_share,
+    help="Share of edges with a random relative pose (0.05), or percent (5).",
+)
+@click.option("--kind", type=click.Choice(["video", "expander"]), multiple=True, default=("video",), show_default=True)
+@click.option("--noise-deg", type=click.FloatRange(min=0), default=0.5, show_default=True, help="Along each axis.")
+@click.option("--noise-m", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Along each axis.")
+@click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed.")
+@options.output_dir("results/bench_averaging")
+@options.json_file
+@options.seed
+@options.quiet
+def bench_averaging(
+    scans: tuple[int, ...],
+    edges: int | None,
+    outliers: tuple[float, ...],
+    kind: tuple[str, ...],
+    noise_deg: float,
+    noise_m: float,
+    peers: bool,
+    output: Path | None,
+    json_path: str | None,
+    seed: int,
+    quiet: bool,
+) -> None:
+    """Rotation and translation averaging on graphs with known poses: time, error, memory.
+
+    Options that name a graph can be given several times; every combination is measured.
+
+    \b
+    Example:   miniloop bench averaging --scans 10000 --edges 50000 --outliers 0.1 --kind expander
+    """
+    from miniloop_cli.bench.averaging import averaging_rows, draw
+    from miniloop_cli.progress import track
+
+    graphs = [(k, n, edges or min(5 * n, n * (n - 1) // 2), share) for k in kind for share in outliers for n in scans]
+    rows = []
+    for graph in track(graphs, "View graphs", quiet=quiet):
+        rows += averaging_rows(*graph, noise_deg, noise_m, seed, peers)
+    output = output or Path("results/bench_averaging")
+    options.write_rows(rows, output / "averaging.csv", json_path)
+    draw(rows, output / "averaging.png")
+    if json_path != "-":
+        click.echo("".join(f"{head:>12}" for head in COLUMNS.values()))
+        for row in rows:
+            click.echo("".join(f"{_text(row[key]):>12}" for key in COLUMNS))
+    if not quiet:
+        click.echo(f"Written: {output}/averaging.csv, {output}/averaging.png", err=True)
+
+
+def _text(value: object) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
