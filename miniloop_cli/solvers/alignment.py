@@ -95,6 +95,24 @@ def joint(H: Motion, G: Motion) -> Motion:
 
 
 @njit(**OPTIONS)
+def backwards(K: Motion) -> Motion:
+    """K^-1."""
+    x, y, z = back_translation(K)
+    return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8], -x, -y, -z
+
+
+@njit(**OPTIONS)
+def crossing(K: Motion) -> float:
+    """Triple product of the two axes that K links and their distance vector over its length, -1 to 1.
+
+    Zero if the axes are parallel or meet: then the z row and the norm of K x say the same of x.
+    """
+    u = back_translation(K)
+    length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    return (K[6] * u[1] - K[7] * u[0]) / length if length > TINY else 0.0
+
+
+@njit(**OPTIONS)
 def turned(K: Motion, row: int, p: Point) -> Point:
     """Coordinate `row` of K L(a) p as coefficients of (1, cos a, sin a)."""
     k0, k1, k2, t = K[3 * row], K[3 * row + 1], K[3 * row + 2], K[9 + row]

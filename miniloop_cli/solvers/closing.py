@@ -19,6 +19,20 @@ LONGEST_STEP = 0.5
 
 
 @njit(**OPTIONS)
+def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Point, Point, Point]:
+    """Both pairs stretched about their midpoints to the mean of their lengths: no motion could keep two lengths."""
+    x, y, z, u, v, w = p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2], q2[0] - q1[0], q2[1] - q1[1], q2[2] - q1[2]
+    p, q = math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w)
+    a, b = 0.25 * (p - q) / p, 0.25 * (q - p) / q
+    return (
+        (p1[0] + a * x, p1[1] + a * y, p1[2] + a * z),
+        (p2[0] - a * x, p2[1] - a * y, p2[2] - a * z),
+        (q1[0] + b * u, q1[1] + b * v, q1[2] + b * w),
+        (q2[0] - b * u, q2[1] - b * v, q2[2] - b * w),
+    )
+
+
+@njit(**OPTIONS)
 def _closing_error(
     K2: Motion, K3: Motion, K4: Motion, p: Point, q: Point, angles: Array, k: int, J: Array, r: Array, i: int
 ) -> None:

@@ -10,8 +10,9 @@ residual of both is the distance that is left between the two circles on which t
 Then e^{ib} = q / v as complex numbers.
 
 13 constraints on 12 degrees of freedom: one solution. (The paper uses the z row and the circle: two solutions for each
-of two angles that it takes to be independent.) Filtered: coincident points, parallel or meeting axes, closing points
-on an axis.
+of two angles that it takes to be independent.) Only where the axes meet, as when both edges match the same point of
+scan 2, or are parallel, the equations say the same: the ellipse is a segment, and two mirrored angles are solutions.
+Filtered: coincident points, a common axis, closing points on an axis.
 Source: own derivation; the same problem is "subproblem 2 extended" in Elias & Wen, IK-Geo, 2022.
 """
 
@@ -36,18 +37,21 @@ from miniloop_cli.solvers.alignment import (
     write_edge,
 )
 from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.polynomials import NEARLY_REAL
 
 MATCHES = (2, 2, 1)
-MAX_SOLUTIONS = 1
-# Below this ratio of its half axes the ellipse is a segment, and two mirrored angles are equally good.
-FLATTEST = 1e-9
+MAX_SOLUTIONS = 2
+# Below this ratio of its half axes the ellipse is a segment.
+FLATTEST = 1e-6
+# Mirrored solutions nearer than this (rad) are one.
+MIRRORED = 1e-7
 
 
 @njit(**OPTIONS)
 def nearest_on_circle(
     z: tuple[float, float, float], n: tuple[float, float, float], z_value: float, n_value: float
-) -> tuple[float, float, bool]:
-    """Least squares of z(a) = z_value, n(a) = n_value, both coefficients of (1, cos, sin): cos, sin, found."""
+) -> tuple[complex, complex, int]:
+    """Least squares of z(a) = z_value, n(a) = n_value, coefficients of (1, cos, sin): e^{ia}, mirrored, how many."""
     y0, y1 = z_value - z[0], n_value - n[0]
     # A = U diag(s1, s2) V^T by one Jacobi rotation of the columns; V = [[k, -m], [m, k]].
     e, f, g = z[1] * z[1] + n[1] * n[1], z[1] * z[2] + n[1] * n[2], z[2] * z[2] + n[2] * n[2]
@@ -60,10 +64,16 @@ def nearest_on_circle(
     a0, a1 = k * z[1] + m * z[2], k * n[1] + m * n[2]
     b0, b1 = k * z[2] - m * z[1], k * n[2] - m * n[1]
     A, B = a0 * a0 + a1 * a1, b0 * b0 + b1 * b1
-    if not B > FLATTEST * FLATTEST * A:
-        return 1.0, 0.0, False
-    # Minimum of |A x - y| on |x| = 1: x = (A^T A + t)^-1 A^T y with the t > -B that makes x a unit vector.
     a, b = a0 * y0 + a1 * y1, b0 * y0 + b1 * y1
+    major = complex(k, m)
+    if not B > FLATTEST * FLATTEST * A:
+        u = a / A
+        if not (A > 0 and abs(u) < 1 + 0.5 * NEARLY_REAL * NEARLY_REAL):
+            return major, major, 0
+        u = min(max(u, -1.0), 1.0)
+        w = math.sqrt((1 - u) * (1 + u))
+        return major * complex(u, w), major * complex(u, -w), 2 if w > MIRRORED else 1
+    # Minimum of |A x - y| on |x| = 1: x = (A^T A + t)^-1 A^T y with the t > -B that makes x a unit vector.
     lowest = max(abs(a) - A, abs(b) - B)
     t = max(0.0, lowest)
     for _ in range(30):
@@ -73,14 +83,13 @@ def nearest_on_circle(
         t = max(t + step, lowest)
         if not abs(step) > 1e-15 * (B + t):
             break
-    u, w = a / (A + t), b / (B + t)
-    norm = math.sqrt(u * u + w * w)
-    return (k * u - m * w) / norm, (m * u + k * w) / norm, norm > 0.5
+    turn, good = unit(major * complex(a / (A + t), b / (B + t)))
+    return turn, turn, 1 if good else 0
 
 
 @njit(**OPTIONS)
 def solve(p: Array, q: Array, T: Array) -> int:
-    """p, q (5, 3) matches of the edges 1-2, 2-3 (two each), 1-3; T (1, 2, 3, 4) gets 1 -> 2 -> 3; returns 0 or 1."""
+    """p, q (5, 3) matches of the edges 1-2, 2-3 (two each), 1-3; T (2, 2, 3, 4) gets 1 -> 2 -> 3; returns 0 to 2."""
     H1, good_h1 = axis_frame(p, 0)
     G2, good_g2 = axis_frame(q, 0)
     H2, good_h2 = axis_frame(p, 2)
@@ -96,14 +105,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
     radius2 = b[0] * b[0] + b[1] * b[1]
     scale = 1.0 / math.sqrt(radius2)
     n_row = scale * (n[0] - b[2] * z[0]), scale * (n[1] - b[2] * z[1]), scale * (n[2] - b[2] * z[2])
-    cos_a, sin_a, found = nearest_on_circle(z, n_row, b[2], 0.5 * scale * (radius2 - b[2] * b[2]))
-    x, y = at(turned(K2, 0, a), cos_a, sin_a), at(turned(K2, 1, a), cos_a, sin_a)
-    turn, good = unit(complex(x, -y) * complex(b[0], b[1]))
-    if not (found and good):
-        return 0
-    write_edge(T, 0, 0, H1, G2, cos_a, sin_a)
-    write_edge(T, 0, 1, H2, G3, turn.real, turn.imag)
-    return 1
+    first, mirrored, found = nearest_on_circle(z, n_row, b[2], 0.5 * scale * (radius2 - b[2] * b[2]))
+    count = 0
+    for i in range(found):
+        e = mirrored if i else first
+        x, y = at(turned(K2, 0, a), e.real, e.imag), at(turned(K2, 1, a), e.real, e.imag)
+        turn, good = unit(complex(x, -y) * complex(b[0], b[1]))
+        if good:
+            write_edge(T, count, 0, H1, G2, e.real, e.imag)
+            write_edge(T, count, 1, H2, G3, turn.real, turn.imag)
+            count += 1
+    return count
 
 
 @njit(**OPTIONS)
@@ -113,10 +125,10 @@ def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
 
 
 def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
-    """Samples p, q (b, 5, 3) to solutions T (b, 1, 2, 3, 4) and counts (b,), one thread."""
+    """Samples p, q (b, 5, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
 
 
 def cycle3(p: Array, q: Array, best: bool = False) -> Array:
-    """Scans 1 -> 2 -> 3 as (1, 2, 4, 4), or (0, 2, 4, 4), from matches p, q (5, 3) of 1-2, 2-3 (two each), 1-3."""
+    """Scans 1 -> 2 -> 3 as (s, 2, 4, 4), s <= 2, from matches p, q (5, 3) of 1-2, 2-3 (two each), 1-3."""
     return run_single(solve_batch, MATCHES, p, q, best)

@@ -9,7 +9,9 @@ keeps w_x^2 + w_y^2 = v_x^2 + v_y^2: a trigonometric polynomial of degree 2 in a
 each root e^{ib} = w / v and e^{ig} = q / (K3 w) as complex numbers.
 
 At most 4 solutions (paper: 16), on 18 degrees of freedom with 18 constraints: nothing is left to rank them.
-Filtered: coincident points, axes 2 and 3 parallel or meeting (the matrix is singular), closing points on an axis.
+Where axes 2 and 3 meet (both edges match the same point of scan 3) or are parallel the matrix is singular: the cycle is
+then read backwards, which puts axes 1 and 2 in their place. Filtered: coincident points, both pairs of axes singular,
+closing points on an axis.
 Source: own derivation; the closed form is Pieper's (1968) for three revolute joints.
 """
 
@@ -22,11 +24,15 @@ from numba import njit
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
     Array,
+    Motion,
+    Point,
     aligned,
     apply,
     at,
     axis_frame,
     back_translation,
+    backwards,
+    crossing,
     joint,
     off_axis,
     turned,
@@ -39,8 +45,45 @@ from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, works
 
 MATCHES = (2, 2, 2, 1)
 MAX_SOLUTIONS = 4
-# Sine of the angle between two axes, times that of their distance's, below which the constant matrix is singular.
-SINGULAR = 1e-10
+# The least `crossing` of two axes that still determines the matrix.
+SINGULAR = 1e-9
+
+
+@njit(**OPTIONS)
+def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Array, nearly_real: float) -> int:
+    """Angles that close the loop, q = L(g) K3 L(b) K2 L(a) p: rows cos a, sin a, cos b, .. of memory[3:7]; how many."""
+    vx, vy, vz = turned(K2, 0, p), turned(K2, 1, p), turned(K2, 2, p)
+    vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], p)
+    u = back_translation(K3)
+    t2 = K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11]
+    z0, n0 = q[2] - K3[11], 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] - t2)
+    z = z0 - K3[8] * vz[0], -K3[8] * vz[1], -K3[8] * vz[2]
+    n = n0 - vv[0] - u[2] * vz[0], -vv[1] - u[2] * vz[1], -vv[2] - u[2] * vz[2]
+    det = K3[6] * u[1] - K3[7] * u[0]
+    # det times w: well scaled also where the matrix is nearly singular.
+    wx = u[1] * z[0] - K3[7] * n[0], u[1] * z[1] - K3[7] * n[1], u[1] * z[2] - K3[7] * n[2]
+    wy = K3[6] * n[0] - u[0] * z[0], K3[6] * n[1] - u[0] * z[1], K3[6] * n[2] - u[0] * z[2]
+    d2, sign = det * det, math.copysign(1.0, det)
+    f, cosines, sines, found = memory[0], memory[1], memory[2], memory[3:7]
+    cc = wx[1] * wx[1] + wy[1] * wy[1] - d2 * (vx[1] * vx[1] + vy[1] * vy[1])
+    ss = wx[2] * wx[2] + wy[2] * wy[2] - d2 * (vx[2] * vx[2] + vy[2] * vy[2])
+    f[0] = wx[0] * wx[0] + wy[0] * wy[0] - d2 * (vx[0] * vx[0] + vy[0] * vy[0]) + 0.5 * (cc + ss)
+    f[1] = 2 * (wx[0] * wx[1] + wy[0] * wy[1] - d2 * (vx[0] * vx[1] + vy[0] * vy[1]))
+    f[2] = 2 * (wx[0] * wx[2] + wy[0] * wy[2] - d2 * (vx[0] * vx[2] + vy[0] * vy[2]))
+    f[3] = 0.5 * (cc - ss)
+    f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
+    count = 0
+    for i in range(roots_on_circle(memory, 2, nearly_real)):
+        c, s = cosines[i], sines[i]
+        x, y = at(vx, c, s), at(vy, c, s)
+        b, good_b = unit(complex(x, -y) * complex(at(wx, c, s) * sign, at(wy, c, s) * sign))
+        x, y, _ = apply(K3, b.real * x - b.imag * y, b.imag * x + b.real * y, at(vz, c, s))
+        g, good_g = unit(complex(x, -y) * complex(q[0], q[1]))
+        if good_b and good_g:
+            found[count, 0], found[count, 1], found[count, 2] = c, s, b.real
+            found[count, 3], found[count, 4], found[count, 5] = b.imag, g.real, g.imag
+            count += 1
+    return count
 
 
 @njit(**OPTIONS)
@@ -55,46 +98,23 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4):
         return 0
     K2, K3 = joint(H2, G2), joint(H3, G3)
-    a, b = aligned(H1, p, 6), aligned(G4, q, 6)
-    if not (off_axis(H1, a) and off_axis(G4, b)):
+    start, end = aligned(H1, p, 6), aligned(G4, q, 6)
+    entered, left = abs(crossing(K2)), abs(crossing(K3))
+    if not (off_axis(H1, start) and off_axis(G4, end) and max(entered, left) > SINGULAR):
         return 0
-    vx, vy, vz = turned(K2, 0, a), turned(K2, 1, a), turned(K2, 2, a)
-    vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
-    u = back_translation(K3)
-    t2 = K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11]
-    z0, n0 = b[2] - K3[11], 0.5 * (b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - t2)
-    z = z0 - K3[8] * vz[0], -K3[8] * vz[1], -K3[8] * vz[2]
-    n = n0 - vv[0] - u[2] * vz[0], -vv[1] - u[2] * vz[1], -vv[2] - u[2] * vz[2]
-    det = K3[6] * u[1] - K3[7] * u[0]
-    if not abs(det) > SINGULAR * math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]):
-        return 0
-    # det times w: still finite where the matrix is nearly singular.
-    wx = u[1] * z[0] - K3[7] * n[0], u[1] * z[1] - K3[7] * n[1], u[1] * z[2] - K3[7] * n[2]
-    wy = K3[6] * n[0] - u[0] * z[0], K3[6] * n[1] - u[0] * z[1], K3[6] * n[2] - u[0] * z[2]
-    d2, sign = det * det, math.copysign(1.0, det)
     memory = workspace()
-    f, cosines, sines = memory[0], memory[1], memory[2]
-    cc = wx[1] * wx[1] + wy[1] * wy[1] - d2 * (vx[1] * vx[1] + vy[1] * vy[1])
-    ss = wx[2] * wx[2] + wy[2] * wy[2] - d2 * (vx[2] * vx[2] + vy[2] * vy[2])
-    f[0] = wx[0] * wx[0] + wy[0] * wy[0] - d2 * (vx[0] * vx[0] + vy[0] * vy[0]) + 0.5 * (cc + ss)
-    f[1] = 2 * (wx[0] * wx[1] + wy[0] * wy[1] - d2 * (vx[0] * vx[1] + vy[0] * vy[1]))
-    f[2] = 2 * (wx[0] * wx[2] + wy[0] * wy[2] - d2 * (vx[0] * vx[2] + vy[0] * vy[2]))
-    f[3] = 0.5 * (cc - ss)
-    f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
-    count = 0
-    for i in range(roots_on_circle(memory, 2, nearly_real)):
-        ca, sa = cosines[i], sines[i]
-        x, y, zv = at(vx, ca, sa), at(vy, ca, sa), at(vz, ca, sa)
-        X, Y = at(wx, ca, sa) * sign, at(wy, ca, sa) * sign
-        second, good_second = unit(complex(x, -y) * complex(X, Y))
-        cb, sb = second.real, second.imag
-        x, y, _ = apply(K3, cb * x - sb * y, sb * x + cb * y, zv)
-        third, good_third = unit(complex(x, -y) * complex(b[0], b[1]))
-        if good_second and good_third:
-            write_edge(T, count, 0, H1, G2, ca, sa)
-            write_edge(T, count, 1, H2, G3, cb, sb)
-            write_edge(T, count, 2, H3, G4, third.real, third.imag)
-            count += 1
+    # Read backwards, the cycle exchanges the roles of K2 and K3: take the direction in which the axes cross better.
+    forwards = left >= entered
+    if forwards:
+        count = _close(K2, K3, start, end, memory, nearly_real)
+    else:
+        count = _close(backwards(K3), backwards(K2), end, start, memory, nearly_real)
+    first, last, sign = (0, 4, 1.0) if forwards else (4, 0, -1.0)
+    found = memory[3:7]
+    for i in range(count):
+        write_edge(T, i, 0, H1, G2, found[i, first], sign * found[i, first + 1])
+        write_edge(T, i, 1, H2, G3, found[i, 2], sign * found[i, 3])
+        write_edge(T, i, 2, H3, G4, found[i, last], sign * found[i, last + 1])
     return count
 
 

@@ -17,14 +17,13 @@ polynomial of degree 4 in a, an octic in tan(a/2). D then follows from both clos
 and so does g.
 
 At most 8 solutions (paper: 32). |D| = 1 was not used: the 25 constraints exceed the 24 degrees of freedom by one, and
-the closing residual ranks the solutions, best first. Filtered: coincident points, singular M or M' (neighbouring axes
-2, 3 or 3, 4 parallel or meeting), closing points on an axis.
+the closing residual ranks the solutions, best first. Where axes 2, 3 or 3, 4 are parallel or meet (both edges match the
+same point) M or M' is singular: the cycle is then read from another scan. Filtered: coincident points, cycles singular
+from every scan, closing points on an axis.
 Source: own derivation.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numba import njit
@@ -38,6 +37,7 @@ from miniloop_cli.solvers.alignment import (
     apply,
     axis_frame,
     back_translation,
+    crossing,
     joint,
     off_axis,
     turned,
@@ -47,14 +47,15 @@ from miniloop_cli.solvers.alignment import (
     write_edge,
 )
 from miniloop_cli.solvers.batch import Counts, run_batch, run_single
-from miniloop_cli.solvers.closing import close_loop
+from miniloop_cli.solvers.closing import close_loop, equidistant
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
+from miniloop_cli.solvers.ring import read_from, write_back
 from miniloop_cli.solvers.waves import Waves, conj, mix, norm_excess, product, value, waves
 
 MATCHES = (2, 2, 2, 2, 2)
 MAX_SOLUTIONS = 8
-# Sine of the angle between two axes, times that of their distance's, below which a constant matrix is singular.
-SINGULAR = 1e-10
+# The least `crossing` of two axes that still determines a matrix.
+SINGULAR = 1e-9
 
 
 @njit(**OPTIONS)
@@ -77,22 +78,8 @@ def _offset(
 
 
 @njit(**OPTIONS)
-def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Point, Point, Point]:
-    """Both pairs stretched about their midpoints to the mean of their lengths: no motion could keep two lengths."""
-    x, y, z, u, v, w = p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2], q2[0] - q1[0], q2[1] - q1[1], q2[2] - q1[2]
-    p, q = math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w)
-    a, b = 0.25 * (p - q) / p, 0.25 * (q - p) / q
-    return (
-        (p1[0] + a * x, p1[1] + a * y, p1[2] + a * z),
-        (p2[0] - a * x, p2[1] - a * y, p2[2] - a * z),
-        (q1[0] + b * u, q1[1] + b * v, q1[2] + b * w),
-        (q2[0] - b * u, q2[1] - b * v, q2[2] - b * w),
-    )
-
-
-@njit(**OPTIONS)
-def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
-    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
+def _solve_from_first(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+    """Like `solve_within`, but -1 if M or M' is singular: then the cycle has to be read from another scan."""
     H1, good_h1 = axis_frame(p, 0)
     G2, good_g2 = axis_frame(q, 0)
     H2, good_h2 = axis_frame(p, 2)
@@ -113,13 +100,12 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     u, back = back_translation(K3), back_translation(K4)
     M = K3[6], K3[7], u[0], u[1]
     N = K4[2], K4[5], -K4[9], -K4[10]
-    det_m, det_n = M[0] * M[3] - M[1] * M[2], N[0] * N[3] - N[1] * N[2]
     t2, s2 = (
         K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11],
         K4[9] * K4[9] + K4[10] * K4[10] + K4[11] * K4[11],
     )
-    if not (abs(det_m) > SINGULAR * math.sqrt(t2) and abs(det_n) > SINGULAR * math.sqrt(s2)):
-        return 0
+    if min(abs(crossing(K3)), abs(crossing(K4))) < SINGULAR:
+        return -1
     # adj(M') M = w -> m w + n conj(w); the determinant of M' is left out on both sides.
     a00, a01 = N[3] * M[0] - N[1] * M[2], N[3] * M[1] - N[1] * M[3]
     a10, a11 = N[0] * M[2] - N[2] * M[0], N[0] * M[3] - N[2] * M[1]
@@ -156,7 +142,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         zv2 = z2[0] + z2[1] * e.real + z2[2] * e.imag
         d = c1.conjugate() * (m * w1 + n * w1.conjugate() + value(h1, e))
         d += c2.conjugate() * (m * w2 + n * w2.conjugate() + value(h2, e))
-        d *= math.copysign(1.0, det_n)
+        d *= N[0] * N[3] - N[1] * N[2]
         d, good_d = unit(d)
         x1, x2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
         w1, w2 = c1 * d, c2 * d
@@ -181,6 +167,22 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         write_edge(T, s, 2, H3, G4, found[k, 4], found[k, 5])
         write_edge(T, s, 3, H4, G5, found[k, 6], found[k, 7])
     return count
+
+
+@njit(**OPTIONS)
+def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
+    count = _solve_from_first(p, q, T, nearly_real)
+    if count < 0:
+        new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
+        for start in range(1, 5):
+            read_from(start, p, q, new_p, new_q)
+            count = _solve_from_first(new_p, new_q, new_T, nearly_real)
+            if count >= 0:
+                for s in range(count):
+                    write_back(start, new_T[s], T[s])
+                break
+    return max(count, 0)
 
 
 @njit(**OPTIONS, inline="always")

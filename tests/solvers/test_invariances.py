@@ -9,6 +9,7 @@ from solver_cases import ALL, PLANAR, distance, name_of, poses, single
 from miniloop_cli.bench.problems import random_problems, random_rotations
 from miniloop_cli.geometry import se3
 from miniloop_cli.solvers.batch import edges_of
+from miniloop_cli.solvers.ring import read_from, write_back
 
 solvers = pytest.mark.parametrize("module", ALL.values(), ids=ALL.keys())
 seeds = st.integers(0, 10**6)
@@ -111,3 +112,14 @@ def test_identical_scans_have_the_identity(module, seed):
     p = np.random.default_rng(seed).normal(size=(sum(module.MATCHES), 3))
     found = single(module)(p, p)
     assert distance(found, np.eye(4)).min() < TOLERANCE
+
+
+@pytest.mark.parametrize("start", [1, 2, 3, 4])
+def test_ring_read_from_another_scan_and_back(start, rng):
+    module = ALL["cycle5"]
+    p, q, truth = (a[0] for a in random_problems(rng, module.MATCHES, 1))
+    new_p, new_q, T = np.empty((10, 3)), np.empty((10, 3)), np.zeros((4, 3, 4))
+    read_from(start, p, q, new_p, new_q)
+    new_T = single(module)(new_p, new_q, best=True)[0]
+    write_back(start, np.ascontiguousarray(new_T[:, :3]), T)
+    np.testing.assert_allclose(T, truth[:, :3], atol=1e-9)
