@@ -128,9 +128,8 @@ def _angle(arc: int, s: float) -> float:
 def real_roots(c: Array, near_rad: float, out: Array) -> int:
     """Angles (rad) at which the trigonometric polynomial c (17,) vanishes, and those of nearly real pairs.
 
-    A complex pair less than near_rad (at most some 0.05) from the real axis gives one candidate, its real part, unless
-    that is the very end of an arc. Row k of out (MAX_ROOTS, 2): the angle, and the imaginary part of a pair, zero for a
-    real root. Returns the number of rows.
+    A complex pair less than near_rad (at most some 0.05) from the real axis gives its real part, rarely twice. Row k of
+    out (MAX_ROOTS, 2): the angle, and the imaginary part of a pair, zero for a real root. Returns the number of rows.
     """
     b = np.empty((_DEPTH + 2, _ORDER + 1))
     start = np.empty(_DEPTH + 2)
@@ -174,4 +173,10 @@ def real_roots(c: Array, near_rad: float, out: Array) -> int:
                     top -= 1
                 else:
                     top += 1
+        # A pair beside the end of an arc shows on neither side of it.
+        end = _angle(arc, 1.0)
+        angle, imaginary = _nearly_real(c, end - near_rad, end + near_rad)
+        if imaginary < near_rad and abs(angle - end) < imaginary and n < MAX_ROOTS:
+            out[n, 0], out[n, 1] = angle, imaginary
+            n += 1
     return n

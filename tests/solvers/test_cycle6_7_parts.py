@@ -175,13 +175,13 @@ def test_close_roots_are_told_apart(middle, gap):
 
 
 @pytest.mark.parametrize("imaginary", [3e-2, 1e-2, 1e-4])
-@pytest.mark.parametrize("middle", [0.0, 1.0, np.pi, 5.0])
+@pytest.mark.parametrize("middle", [0.0, 1.0, np.pi, 5.0, 0.2718 + np.pi / 2, 0.2718])
 def test_nearly_real_pair_gives_its_real_part(middle, imaginary):
     c = planted([(middle, 1j * imaginary), (middle + 2, 0.5), (middle + 3.5, 0.4), *[(middle + 1, 2j)] * 5])
     assert len(roots(c)) == len(roots(c, near=0.7 * imaginary)) == 4
     found = roots(c, near=1.4 * imaginary)
-    assert len(found) == 5
     pair = found[found[:, 1] > 0]
+    assert (found[:, 1] == 0).sum() == 4 and 1 <= len(pair) <= 2
     assert np.abs(np.exp(1j * pair[:, 0]) - np.exp(1j * middle)).max() < 0.1 * imaginary
     assert np.abs(pair[:, 1] / imaginary - 1).max() < 0.2
 
