@@ -1,37 +1,44 @@
-"""Symmetric positive definite systems of 6 x 6 blocks, one block row a pose."""
+"""Symmetric positive definite systems of 6 x 6 blocks, one block row a pose: solutions and marginal covariances."""
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.refinement.block_cholesky import BlockPattern
+
 Array = NDArray[np.float64]
-_DENSE_UP_TO = 300  # poses; beyond, a sparse factorisation is faster unless all poses see each other
+Ints = NDArray[np.int64]
+_DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
+_DENSE_SHARE = 0.2
 
 
 class BlockSystem:
     """The pattern of the upper triangle: block k stands at (rows[k], cols[k]), rows <= cols; the first n are diagonal.
 
-    `fixed` (n,) bool poses are taken out of the system: their solution is zero, and so is their covariance.
+    `held` (n,) bool poses are taken out of the system: their solution is zero, and so is their covariance.
+    Methods that factorise raise numpy.linalg.LinAlgError where the blocks are not positive definite.
     """
 
-    def __init__(self, fixed: NDArray[np.bool_], pairs: NDArray[np.int64]) -> None:
-        n = len(fixed)
+    def __init__(self, held: NDArray[np.bool_], pairs: Ints) -> None:
+        n = len(held)
         low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
-        off = np.unique(low[low < high] * n + high[low < high])
-        diagonal = np.arange(n)
-        self.n, self.free = n, np.flatnonzero(~fixed)
-        self.rows = np.concatenate([diagonal, off // n])
-        self.cols = np.concatenate([diagonal, off % n])
-        self._off = off
-        position = np.cumsum(~fixed) - 1
-        self._kept = np.flatnonzero(~fixed[self.rows] & ~fixed[self.cols])
-        self._r, self._c = position[self.rows[self._kept]], position[self.cols[self._kept]]
+        self._off = np.unique(low[low < high] * n + high[low < high])
+        self.n, self.free = n, np.flatnonzero(~held)
+        self.rows = np.concatenate([np.arange(n), self._off // n])
+        self.cols = np.concatenate([np.arange(n), self._off % n])
+        place = np.cumsum(~held) - 1
+        self._kept = np.flatnonzero(~held[self.rows] & ~held[self.cols])
+        self._r, self._c = place[self.rows[self._kept]], place[self.cols[self._kept]]
+        m = len(self.free)
+        self._is_dense = m <= _DENSE_UP_TO or len(self._kept) > _DENSE_SHARE * m * m / 2
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def block_of(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.int64]:
+    def block_of(self, i: Ints, j: Ints) -> Ints:
         """Numbers of the blocks that hold the pairs (i, j), i != j, in either order."""
         return self.n + np.searchsorted(self._off, np.minimum(i, j) * self.n + np.maximum(i, j))
 
@@ -41,56 +48,42 @@ class BlockSystem:
         table[self.rows, self.cols] = np.arange(len(self))
         return table
 
-    def factor(self, blocks: Array) -> Factor:
-        """Factorise (len, 6, 6) blocks. Raises numpy.linalg.LinAlgError if they are not positive definite."""
-        m = len(self.free)
-        dense = m <= _DENSE_UP_TO or len(self._kept) > 0.15 * m * m
-        assemble = _dense if dense else _sparse
-        return Factor(self, assemble(m, self._r, self._c, blocks[self._kept]))
-
-
-class Factor:
-    """A factorised system."""
-
-    def __init__(self, system: BlockSystem, matrix: object) -> None:
-        from scipy.linalg import cho_factor
-        from scipy.sparse.linalg import splu
-
-        self._system = system
-        if isinstance(matrix, np.ndarray):
-            self._cholesky = cho_factor(matrix, overwrite_a=True, check_finite=False) if matrix.size else None
-            self._lu = None
-        else:
-            options = {"SymmetricMode": True}
-            self._lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-            if not np.all(self._lu.U.diagonal() > 0):
-                raise np.linalg.LinAlgError("the sparse system is not positive definite")
-
-    def solve(self, right: Array) -> Array:
-        """(n, 6) or (n, 6, c) right-hand sides to solutions of that shape; rows of fixed poses are zero."""
+    def solve(self, blocks: Array, right: Array) -> Array:
+        """Solution (n, 6) of the system of (len, 6, 6) blocks for the right-hand side (n, 6)."""
         from scipy.linalg import cho_solve
 
-        free = self._system.free
-        b = right[free].reshape(6 * len(free), -1)
-        out = np.zeros_like(right)
-        if len(free):
-            x = self._lu.solve(b) if self._lu is not None else cho_solve(self._cholesky, b, check_finite=False)
-            out[free] = x.reshape(len(free), *right.shape[1:])
-        return out
+        x = np.zeros_like(right)
+        b = right[self.free]
+        if self._is_dense and len(b):
+            x[self.free] = cho_solve((self._dense(blocks), False), b.ravel(), check_finite=False).reshape(-1, 6)
+        elif len(b):
+            x[self.free] = self._sparse.solve(self._sparse.factor(blocks[self._kept]), b)
+        return x
 
+    def marginals(self, blocks: Array) -> Array:
+        """(n, 6, 6) diagonal blocks of the inverse of the system of (len, 6, 6) blocks."""
+        from scipy.linalg.lapack import dpotri
 
-def _dense(m: int, r: NDArray[np.int64], c: NDArray[np.int64], blocks: Array) -> Array:
-    M = np.zeros((m, 6, m, 6))
-    M[r, :, c, :] = blocks  # only the upper triangle is read
-    return M.reshape(6 * m, 6 * m)
+        Z = np.zeros((self.n, 6, 6))
+        if self._is_dense and len(self.free):
+            # The upper factor in C order is the lower one in Fortran order, which spares LAPACK a copy.
+            inverse = dpotri(self._dense(blocks).T, lower=1, overwrite_c=1)[0]
+            k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)
+            Z[self.free] = inverse[k[:, :, None], k[:, None, :]]
+            Z = np.tril(Z) + np.tril(Z, -1).transpose(0, 2, 1)
+        elif len(self.free):
+            Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks[self._kept]))
+        return Z
 
+    @cached_property
+    def _sparse(self) -> BlockPattern:
+        return BlockPattern(len(self.free), self._r, self._c)
 
-def _sparse(m: int, r: NDArray[np.int64], c: NDArray[np.int64], blocks: Array) -> object:
-    from scipy.sparse import bsr_array
+    def _dense(self, blocks: Array) -> Array:
+        """Upper Cholesky factor (6m, 6m) of the kept blocks."""
+        from scipy.linalg import cholesky
 
-    off = r != c
-    rows, cols = np.concatenate([r, c[off]]), np.concatenate([c, r[off]])
-    data = np.concatenate([blocks, blocks[off].transpose(0, 2, 1)])
-    order = np.lexsort((cols, rows))
-    start = np.searchsorted(rows[order], np.arange(m + 1))
-    return bsr_array((data[order], cols[order], start), shape=(6 * m, 6 * m)).tocsc()
+        m = len(self.free)
+        M = np.zeros((m, 6, m, 6))
+        M[self._r, :, self._c, :] = blocks[self._kept]  # the lower triangle is never read
+        return cholesky(M.reshape(6 * m, 6 * m), lower=False, overwrite_a=True, check_finite=False)

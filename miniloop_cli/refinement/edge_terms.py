@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from miniloop_cli.refinement.robust import robust
+from miniloop_cli.averaging.graph import checked_pairs
+from miniloop_cli.geometry.se3 import project_so3
+from miniloop_cli.refinement.robust import KERNELS, Kernel, robust
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,27 @@ class Edges(NamedTuple):
     information: Array
     kind: int
     c2: float
+
+    @property
+    def pairs(self) -> NDArray[np.int64]:
+        """(m, 2) rows (i, j)."""
+        return np.stack([self.i, self.j], axis=1)
+
+
+def make_edges(count: int, pairs: ArrayLike, T_j_i: Array, information: Array, kernel: Kernel, scale: float) -> Edges:
+    """Edges between `count` poses from pairs (m, 2) rows (i, j), T_j_i (m, 4, 4) and information (m, 6, 6).
+
+    Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for edges that are none.
+    """
+    pairs = checked_pairs(count, pairs)
+    T, L = np.asarray(T_j_i, float).reshape(-1, 4, 4), np.asarray(information, float).reshape(-1, 6, 6)
+    if not len(pairs) == len(T) == len(L):
+        raise ValueError(f"{len(pairs)} pairs, {len(T)} relative poses, {len(L)} information matrices: not one a row")
+    if not (np.isfinite(T).all() and np.isfinite(L).all()):
+        raise ValueError("relative poses and information matrices must be finite")
+    i, j = np.ascontiguousarray(pairs.T)
+    R, t = np.ascontiguousarray(project_so3(T[:, :3, :3])), np.ascontiguousarray(T[:, :3, 3])
+    return Edges(i, j, R, t, (L + L.transpose(0, 2, 1)) / 2, KERNELS[kernel], float(scale**2))
 
 
 @njit(cache=True, nogil=True)

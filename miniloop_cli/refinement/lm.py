@@ -5,14 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-_DAMPING_START, _DAMPING_MIN, _DAMPING_MAX = 1e-4, 1e-10, 1e6
+import numpy as np
+
+_DAMPING_START, _DAMPING_MAX = 1e-4, 1e6
+_DAMPING_MIN = 1e-9  # never zero: it alone decides how the whole moves, which nothing measures
 
 
 class Problem(Protocol):
     """What the loop needs of a problem, which keeps its own state."""
 
     def propose(self, damping: float) -> tuple[float, float]:
-        """Cost here, and cost after the step solved with `damping` times the diagonal added (the step is kept)."""
+        """Cost here, and cost after the step solved with `damping` times the diagonal added (the step is kept).
+
+        Raises numpy.linalg.LinAlgError if the equations are not positive definite.
+        """
         ...
 
     def accept(self) -> None:
@@ -35,17 +41,23 @@ def minimise(problem: Problem, max_iterations: int, relative_tolerance: float) -
 
     An iteration is one proposal, accepted or not. Only a lower cost is accepted, so cost_after <= cost_before.
     """
-    damping, first, cost, converged, iterations = _DAMPING_START, None, 0.0, False, 0
+    damping, costs, converged, iterations = _DAMPING_START, [], False, 0
     while iterations < max_iterations and not converged:
-        cost, proposed = problem.propose(damping)
         iterations += 1
-        first = cost if first is None else first
+        try:
+            cost, proposed = problem.propose(damping)
+        except np.linalg.LinAlgError:
+            damping *= 10
+            if damping > _DAMPING_MAX:
+                raise
+            continue
         converged = abs(cost - proposed) <= relative_tolerance * cost
+        costs += [cost]
         if proposed < cost:
             problem.accept()
-            cost = proposed
+            costs += [proposed]
             damping = max(damping / 10, _DAMPING_MIN)
         else:
             damping *= 10
             converged = converged or damping > _DAMPING_MAX
-    return Descent(iterations, cost if first is None else first, cost, converged)
+    return Descent(iterations, *((costs[0], costs[-1]) if costs else (np.nan, np.nan)), converged)

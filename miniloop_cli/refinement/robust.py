@@ -6,7 +6,9 @@ from typing import Literal
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Kernel = Literal["none", "cauchy", "geman-mcclure"]
 KERNELS: dict[str, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
 
@@ -21,3 +23,30 @@ def robust(kind: int, s: float, c2: float) -> tuple[float, float]:
     if kind == 1:
         return c2 * np.log1p(s / c2), w
     return s * w, w * w
+
+
+def weight_and_curvature(kernel: Kernel, s: Array, scale: float, dimension: int) -> tuple[Array, Array]:
+    """rho'(s), and the mean over directions of the second derivative of rho(|r|^2)/2 by a residual r of `dimension`.
+
+    Iterations use the weight; the curvature, rho' + 2 s rho''/dimension, is what the minimum answers to noise with.
+    """
+    s = np.asarray(s, float)
+    if kernel == "none":
+        return np.ones_like(s), np.ones_like(s)
+    q = 1 / (1 + s / scale**2)
+    power = 1 if kernel == "cauchy" else 2
+    return q**power, q**power * (1 - 2 * power * (1 - q) / dimension)
+
+
+def noise_gain(kernel: Kernel, scale: float, dimension: int) -> tuple[float, float]:
+    """Of Gaussian residuals of unit variance, what noise does to the minimum.
+
+    E[w] E[w^2 s] / (d E[curvature]^2): times the inverse of the weighted Hessian it is the covariance of the minimum.
+    E[w s] / d: the mean weighted square of a residual.
+    """
+    s = np.linspace(0, 60 + 10 * dimension, 200_001)[1:]
+    density = s ** (dimension / 2 - 1) * np.exp(-s / 2)
+    density /= density.sum()
+    w, h = weight_and_curvature(kernel, s, scale, dimension)
+    gain = (density @ w) * (density @ (w * w * s)) / (dimension * (density @ h) ** 2)
+    return float(gain), float(density @ (w * s) / dimension)

@@ -20,7 +20,7 @@ _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
 
 
 @njit(cache=True, nogil=True)
-def _add_point_terms(
+def add_point_terms(
     V: Array, g: Array, M: Array, R: Array, f: int, terms: tuple[float, float, float, float, float, float, float, float]
 ) -> None:
     """V (upper triangle) += R A R^T, g += R a, M = A R^T."""
@@ -37,7 +37,7 @@ def _add_point_terms(
 
 
 @njit(cache=True, nogil=True)
-def _cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, float, float]:
+def cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, float, float]:
     """1/L00, L10, L20, 1/L11, L21, 1/L22 of V + damping diag(V) + prior."""
     grow = 1.0 + damping
     i0 = 1.0 / np.sqrt(V[0, 0] * grow + _POINT_PRIOR)
@@ -49,7 +49,7 @@ def _cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, fl
 
 
 @njit(cache=True, nogil=True)
-def _add_pose_terms(
+def add_pose_terms(
     S: Array,
     g: Array,
     f: int,
@@ -126,10 +126,10 @@ def reduce_tracks(
             x0, x1, x2 = camera_point(R, t, f, X, p)
             cost += observation_cost(obs, first + k, model, x0, x1, x2)
             terms = observation_terms(obs, first + k, model, x0, x1, x2)
-            _add_point_terms(V, gp, Ms[k], R, f, terms)
-            _add_pose_terms(S, g, f, x0, x1, x2, 1.0 + damping, terms)
+            add_point_terms(V, gp, Ms[k], R, f, terms)
+            add_pose_terms(S, g, f, x0, x1, x2, 1.0 + damping, terms)
             x[k, 0], x[k, 1], x[k, 2] = x0, x1, x2
-        i0, l10, l20, i1, l21, i2 = _cholesky3(V, damping)
+        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
         e0 = gp[0] * i0
         e1 = (gp[1] - l10 * e0) * i1
         e2 = (gp[2] - l20 * e0 - l21 * e1) * i2
@@ -194,8 +194,8 @@ def step_tracks(
             q1 = z * step[f, 0] - x * step[f, 2] - step[f, 4]
             q2 = x * step[f, 1] - y * step[f, 0] - step[f, 5]
             a0, a1, a2 = a0 + A00 * q0 + A02 * q2, a1 + A11 * q1 + A12 * q2, a2 + A02 * q0 + A12 * q1 + A22 * q2
-            _add_point_terms(V, g, M, R, f, (a0, a1, a2, A00, A11, A02, A12, A22))
-        i0, l10, l20, i1, l21, i2 = _cholesky3(V, damping)
+            add_point_terms(V, g, M, R, f, (a0, a1, a2, A00, A11, A02, A12, A22))
+        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
         e0 = g[0] * i0
         e1 = (g[1] - l10 * e0) * i1
         e2 = (g[2] - l20 * e0 - l21 * e1) * i2

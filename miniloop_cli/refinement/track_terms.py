@@ -16,7 +16,10 @@ _BEHIND = 1e4  # its squared residual: constant, so it neither pulls nor pays
 
 
 class Model(NamedTuple):
-    """Pinhole intrinsics (px), 1/px, squared kernel scales, kernel number."""
+    """Pinhole intrinsics (px), 1/px, squared kernel scales, kernel number.
+
+    Curvatures multiply the Hessian's share of pixels and depths: 1 for Gauss-Newton.
+    """
 
     fx: float
     fy: float
@@ -26,6 +29,8 @@ class Model(NamedTuple):
     c2_px: float
     c2_depth: float
     kind: int
+    curvature_px: float = 1.0
+    curvature_depth: float = 1.0
 
 
 class Observations(NamedTuple):
@@ -79,9 +84,10 @@ def observation_terms(
     gu, gv, gz = model.fx / z * model.inverse_sigma_px, model.fy / z * model.inverse_sigma_px, obs.inverse_sigma_z[k]
     xz, yz = x / z, y / z
     a0, a1 = w * gu * ru, w * gv * rv
-    A00, A11 = w * gu * gu, w * gv * gv
-    A22 = A00 * xz * xz + A11 * yz * yz + wz * gz * gz
-    return a0, a1, wz * gz * rz - a0 * xz - a1 * yz, A00, A11, -A00 * xz, -A11 * yz, A22
+    a2 = wz * gz * rz - a0 * xz - a1 * yz
+    A00, A11 = w * model.curvature_px * gu * gu, w * model.curvature_px * gv * gv
+    A22 = A00 * xz * xz + A11 * yz * yz + wz * model.curvature_depth * gz * gz
+    return a0, a1, a2, A00, A11, -A00 * xz, -A11 * yz, A22
 
 
 @njit(cache=True, nogil=True)

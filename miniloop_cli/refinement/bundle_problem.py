@@ -1,0 +1,149 @@
+"""The state of a bundle adjustment: what the descent asks for, and the covariance of the poses at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry.se3 import exp_so3
+from miniloop_cli.refinement.block_system import BlockSystem
+from miniloop_cli.refinement.edge_terms import Edges, add_edges, evaluate_edges
+from miniloop_cli.refinement.noise_terms import add_noise, point_leverage
+from miniloop_cli.refinement.robust import Kernel, weight_and_curvature
+from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
+from miniloop_cli.refinement.track_terms import Model, Observations, evaluate_tracks, mark_seen_together
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Part = TypeVar("Part")
+_CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
+_CHUNK_BYTES = 1 << 28
+_TIE = (
+    1e-8  # relative prior of a pose in its covariance: a direction that nothing measures comes out huge, not singular
+)
+
+
+class Bundle:
+    """Poses R (n, 3, 3), t (n, 3), points X (p, 3), and the last proposal."""
+
+    def __init__(self, obs: Observations, model: Model, R: Array, t: Array, X: Array, edges: Edges, jobs: int) -> None:
+        self.obs, self.model, self.edges, self.R, self.t, self.X, self.jobs = obs, model, edges, R, t, X, jobs
+        n = len(R)
+        together = np.zeros((n, n), bool)
+        mark_seen_together(obs, together)
+        self.pairs = np.concatenate([np.argwhere(together), edges.pairs])
+        self.idle = np.bincount(self.pairs.ravel(), minlength=n) == 0
+        self.system = BlockSystem(self.idle, self.pairs)
+        self._table, self._block = self.system.table(), self.system.block_of(edges.i, edges.j)
+        # Tracks are cut where the work (the square of the length) is even.
+        length = np.diff(obs.start)
+        chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 1, _CHUNKS))
+        work = np.concatenate([[0], np.cumsum(length * (length + 5))])
+        cuts = np.searchsorted(work, work[-1] * np.arange(chunks + 1) / chunks)
+        cuts[-1] = len(length)
+        self._bounds = list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
+        self._proposal = (R, t, X)
+
+    def propose(self, damping: float) -> tuple[float, float]:
+        S, g, cost = self.reduced(damping)
+        return cost, self._move(self.system.solve(S, -g), damping)
+
+    def accept(self) -> None:
+        self.R, self.t, self.X = self._proposal
+
+    def reduced(self, damping: float) -> tuple[Array, Array, float]:
+        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost."""
+
+        def chunk(low: int, high: int) -> tuple[Array, Array, float]:
+            S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
+            state = (self.R, self.t, self.X)
+            return S, g, reduce_tracks(low, high, self.obs, self.model, *state, damping, self._table, S, g)
+
+        parts = self._in_chunks(chunk)
+        S, g, cost = parts[0]
+        for more_S, more_g, more_cost in parts[1:]:
+            S, g, cost = S + more_S, g + more_g, cost + more_cost
+        self._mirror(S)
+        return S, g, cost + add_edges(self.edges, self._block, self.R, self.t, damping, S, g)
+
+    def evaluate(self) -> tuple[Array, Array]:
+        """Whitened residuals (k, 3) and robust weights (k, 2) of all observations."""
+        residual, weight = np.empty((len(self.obs.frame), 3)), np.empty((len(self.obs.frame), 2))
+        evaluate_tracks(self.obs, self.model, self.R, self.t, self.X, residual, weight)
+        return residual, weight
+
+    def covariance(self, kernel: Kernel, scale_px: float, scale_depth: float, held: NDArray[np.bool_]) -> Array:
+        """(n, 6, 6) marginal covariances of the poses at a minimum, given the held ones.
+
+        H^-1 B H^-1 with H the reduced Hessian by the mean curvature of the kernels, and B what the noise does to its
+        gradient (Huber 1967; White 1982). The size of the noise is taken from the residuals, one factor for
+        all pixels and one for all depths, so that it holds whatever the settings assumed of it; that residuals are
+        independent is assumed. The diagonal blocks of the product are the derivative of those of (H - e B)^-1 by e:
+        two selected inverses, no column is ever solved for.
+        """
+        bread, noise = self._spread(kernel, scale_px, scale_depth, 6 * np.count_nonzero(~held))
+        model, self.model = self.model, bread
+        H = self.reduced(0.0)[0]
+        self.model = model
+        B = np.zeros_like(H)
+        add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
+        self._mirror(B)
+        add_edges(self.edges, self._block, self.R, self.t, 0.0, B, np.zeros((len(self.R), 6)))
+        n, d = len(self.R), np.arange(6)
+        tie = _TIE * H[:n, d, d]
+        H[:n, d, d] += tie
+        B[:n, d, d] += tie
+        system = BlockSystem(held, self.pairs)
+        step = 1e-3 / np.max(B[:n, d, d][~held] / H[:n, d, d][~held], initial=1e-12)
+        return (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
+
+    def _spread(self, kernel: Kernel, scale_px: float, scale_depth: float, pose_freedoms: int) -> tuple[Model, Model]:
+        """Models whose Hessians are the curvature of the cost, and the variance of its gradient."""
+        residual = self.evaluate()[0]
+        seen = np.isfinite(residual[:, 0])
+        px2 = (residual[seen, :2] ** 2).sum(axis=1)
+        z2 = residual[seen & (self.obs.inverse_sigma_z > 0), 2] ** 2
+        state, model = (self.R, self.t, self.X), self.model
+        only_px, only_z = model._replace(curvature_depth=0.0), model._replace(curvature_px=0.0)
+        taken_px, taken_z = (point_leverage(self.obs, model, part, *state) for part in (only_px, only_z))
+        left = 2 * len(px2) - taken_px + len(z2) - taken_z
+        poses = max(left - pose_freedoms, 1.0) / max(left, 1.0)
+        found = []
+        for s, scale, dimension, taken in ((px2, scale_px, 2, taken_px), (z2, scale_depth, 1, taken_z)):
+            # The fit has shrunk the residuals; the errors were larger by what it took.
+            count = max(dimension * len(s), 1)
+            error2 = s / (max(count - taken, 1.0) / count * poses)
+            total = max(weight_and_curvature(kernel, s, scale, dimension)[0].sum(), 1e-12)
+            weight, curvature = weight_and_curvature(kernel, error2, scale, dimension)
+            found.append((max(curvature.sum() / total, 0.1), weight**2 @ error2 / (dimension * total)))
+        (px_curvature, px_variance), (z_curvature, z_variance) = found
+        return (
+            model._replace(curvature_px=float(px_curvature), curvature_depth=float(z_curvature)),
+            model._replace(curvature_px=float(px_variance), curvature_depth=float(z_variance)),
+        )
+
+    def _move(self, step: Array, damping: float) -> float:
+        """Propose the pose step (n, 6) and the points that go with it; their cost."""
+        R = np.ascontiguousarray(self.R @ exp_so3(step[:, :3]))
+        t, X = self.t + np.einsum("nij,nj->ni", self.R, step[:, 3:]), self.X.copy()
+        self._proposal = (R, t, X)
+
+        def chunk(low: int, high: int) -> float:
+            old = (self.R, self.t, self.X)
+            return step_tracks(low, high, self.obs, self.model, *old, damping, step, R, t, X)
+
+        return sum(self._in_chunks(chunk)) + evaluate_edges(self.edges, R, t, *np.empty((2, len(self.edges.i))))
+
+    def _mirror(self, S: Array) -> None:
+        diagonal = S[: len(self.R)]
+        diagonal[:] = np.triu(diagonal) + np.triu(diagonal, 1).transpose(0, 2, 1)
+
+    def _in_chunks(self, work: Callable[[int, int], Part]) -> list[Part]:
+        if self.jobs == 1:
+            return [work(low, high) for low, high in self._bounds]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(lambda bounds: work(*bounds), self._bounds))

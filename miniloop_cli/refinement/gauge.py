@@ -1,0 +1,36 @@
+"""The gauge: relative measurements leave every connected group of frames free to move as a whole.
+
+While descending nothing is held fixed: the damping alone keeps the equations regular, which converges in far fewer
+steps than pinning one frame whose neighbourhood must then turn. Afterwards each group is moved back so that its anchor
+keeps the pose it came with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.averaging.graph import components
+from miniloop_cli.geometry import se3
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def anchor_of(count: int, pairs: Ints, fixed_frame: int) -> Ints:
+    """(count,) the frame that keeps its pose in each frame's group: `fixed_frame` in its own, elsewhere the first."""
+    labels = components(count, pairs)
+    _, first = np.unique(labels, return_index=True)
+    first[labels[fixed_frame]] = fixed_frame
+    return first[labels]
+
+
+def restoring_motion(T_given: Array, T_refined: Array, anchor: Ints) -> Array:
+    """(n, 4, 4) motion of each frame's group that puts its anchor back where it was given."""
+    return T_given[anchor] @ se3.inverse(T_refined[anchor])
+
+
+def with_untied(covariance: Array, anchor: Ints, fixed_frame: int) -> Array:
+    """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one."""
+    untied = anchor != fixed_frame
+    return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
