@@ -1,5 +1,12 @@
 """The one exception root of the project, caught once in the launcher."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from miniloop_cli.pipeline import Registration
+
 
 class MiniloopError(Exception):
     """Something the user can act on: what was wrong, where, and what to do, in one line.
@@ -17,4 +24,11 @@ class ConfigError(MiniloopError):
 
 
 class RegistrationError(MiniloopError):
-    """The scans could be read but no trajectory can be had from them (says why)."""
+    """The scans could be read but no trajectory can be had from them (says why).
+
+    `run` is what was found until then, for the report.
+    """
+
+    def __init__(self, message: str, run: Registration | None = None) -> None:
+        super().__init__(message)
+        self.run = run

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from miniloop_cli.poses import Poses, average
 from miniloop_cli.refine import refine
 from miniloop_cli.scans.sequence import Sequence
 
+LOG = logging.getLogger("miniloop")
 
 @dataclass(frozen=True)
 class Registration:
@@ -49,14 +51,16 @@ class Stopwatch:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
+        LOG.info("%s ...", name)
         yield
         self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 3)
+        LOG.info("%s: %.1f s", name, self.seconds[name])
 
 
 def register(sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0) -> Registration:
     """Poses of all scans of a sequence.
 
-    Raises RegistrationError if no two scans could be registered.
+    Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
     watch = Stopwatch()
     count = len(sequence.frames)
@@ -76,7 +80,9 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
     with watch.stage("averaging"):
         poses, edges = average(edges, count, settings.averaging)
         if len(poses.registered) < 2:
-            raise RegistrationError(_why_nothing(scans, edges, settings))
+            unknown = np.full((count, 6, 6), np.nan)
+            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, watch.seconds)
+            raise RegistrationError(_why_nothing(scans, edges, settings), run)
     with watch.stage("refinement"):
         poses, covariance = refine(poses, edges, features, sequence.camera, settings, workers)
     return Registration(sequence, settings, seed, scans, edges, poses, covariance, watch.seconds)
