@@ -49,7 +49,7 @@ def frame_through(points: Array, i: int, j: int) -> tuple[Motion, bool]:
     return (1 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y, x, y, z, ox, oy, oz), good
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, inline="always")
 def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
     """`frame_through` rows i and i+1: the two matches that an edge of a cycle gives."""
     return frame_through(points, i, i + 1)

@@ -34,14 +34,14 @@ def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Poin
 
 @njit(**OPTIONS)
 def _closing_error(
-    K2: Motion, K3: Motion, K4: Motion, p: Point, q: Point, angles: Array, k: int, J: Array, r: Array, i: int
+    K2: Motion, K3: Motion, K4: Motion, p: Point, q: Point, angles: Array, J: Array, r: Array, i: int
 ) -> None:
     """Rows i .. i+2 of the error r of one closing match (m, in the frame before the turn g) and of its derivative J.
 
-    angles[k]: cos a, sin a, cos b, sin b, cos g, sin g, cos d, sin d.
+    angles: cos a, sin a, cos b, sin b, cos g, sin g, cos d, sin d.
     """
-    ca, sa, cb, sb = angles[k, 0], angles[k, 1], angles[k, 2], angles[k, 3]
-    cg, sg, cd, sd = angles[k, 4], angles[k, 5], angles[k, 6], angles[k, 7]
+    ca, sa, cb, sb = angles[0], angles[1], angles[2], angles[3]
+    cg, sg, cd, sd = angles[4], angles[5], angles[6], angles[7]
     px, py = ca * p[0] - sa * p[1], sa * p[0] + ca * p[1]
     vx, vy, vz = apply(K2, px, py, p[2])
     wx, wy = cb * vx - sb * vy, sb * vx + cb * vy
@@ -95,23 +95,20 @@ def _least_squares(J: Array, r: Array, A: Array) -> None:
 
 @njit(**OPTIONS)
 def close_loop(
-    K2: Motion, K3: Motion, K4: Motion, p1: Point, p2: Point, q1: Point, q2: Point, angles: Array, k: int, work: Array
+    K2: Motion, K3: Motion, K4: Motion, p: tuple[Point, Point], q: tuple[Point, Point], angles: Array, work: Array
 ) -> float:
-    """Improve the angles in row k (see `_closing_error`) of `angles`; row k+1 is overwritten.
-
-    work (>= 11, >= 6): scratch. Returns the sum of squares (m^2) that is left.
-    """
-    J, A, r = work[0:6], work[6:10], work[10]
+    """Improve the angles (8,), see `_closing_error`; work (>= 12, >= 8): scratch; returns the squares (m^2) left."""
+    J, A, r, before = work[0:6], work[6:10], work[10], work[11]
     least = math.inf
     for step in range(STEPS + 1):
-        _closing_error(K2, K3, K4, p1, q1, angles, k, J, r, 0)
-        _closing_error(K2, K3, K4, p2, q2, angles, k, J, r, 3)
+        for match in range(2):
+            _closing_error(K2, K3, K4, p[match], q[match], angles, J, r, 3 * match)
         residual = 0.0
         for i in range(6):
             residual += r[i] * r[i]
         if not residual < least:
             for i in range(8):
-                angles[k, i] = angles[k + 1, i]
+                angles[i] = before[i]
             break
         least = residual
         if step == STEPS:
@@ -119,11 +116,11 @@ def close_loop(
         _least_squares(J, r, A)
         largest = 0.0
         for i in range(4):
-            c, s = angles[k, 2 * i], angles[k, 2 * i + 1]
-            angles[k + 1, 2 * i], angles[k + 1, 2 * i + 1] = c, s
+            c, s = angles[2 * i], angles[2 * i + 1]
+            before[2 * i], before[2 * i + 1] = c, s
             t = min(max(r[i], -LONGEST_STEP), LONGEST_STEP)
             norm = 1 / math.sqrt(1 + t * t)
-            angles[k, 2 * i], angles[k, 2 * i + 1] = (c - t * s) * norm, (s + t * c) * norm
+            angles[2 * i], angles[2 * i + 1] = (c - t * s) * norm, (s + t * c) * norm
             largest = max(largest, abs(t))
         if largest < 1e-10:
             break

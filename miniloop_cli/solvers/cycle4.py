@@ -109,12 +109,11 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
         count = _close(K2, K3, start, end, memory, nearly_real)
     else:
         count = _close(backwards(K3), backwards(K2), end, start, memory, nearly_real)
-    first, last, sign = (0, 4, 1.0) if forwards else (4, 0, -1.0)
-    found = memory[3:7]
+    H, G, found = (H1, H2, H3), (G2, G3, G4), memory[3:7]
     for i in range(count):
-        write_edge(T, i, 0, H1, G2, found[i, first], sign * found[i, first + 1])
-        write_edge(T, i, 1, H2, G3, found[i, 2], sign * found[i, 3])
-        write_edge(T, i, 2, H3, G4, found[i, last], sign * found[i, last + 1])
+        for edge in range(3):
+            k, sign = (2 * edge, 1.0) if forwards else (4 - 2 * edge, -1.0)
+            write_edge(T, i, edge, H[edge], G[edge], found[i, k], sign * found[i, k + 1])
     return count
 
 

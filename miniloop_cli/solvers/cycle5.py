@@ -127,7 +127,7 @@ def _solve_from_first(p: Array, q: Array, T: Array, nearly_real: float) -> int:
     x, y = product(conj(P), P), product(conj(Q), Q)
     W = complex(x[2].real - y[2].real, 0.0), x[3] - y[3], x[4] - y[4]
 
-    memory, found = workspace(), np.empty((9, 8))
+    memory, found = workspace(), np.empty((8, 8))
     order, residuals = np.empty(8, np.int64), np.empty(8)
     norm_excess(B, W, memory[0])
 
@@ -153,19 +153,18 @@ def _solve_from_first(p: Array, q: Array, T: Array, nearly_real: float) -> int:
             continue
         found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e.real, e.imag, b.real, b.imag
         found[count, 4], found[count, 5], found[count, 6], found[count, 7] = g.real, g.imag, d.real, -d.imag
-        residual = close_loop(K2, K3, K4, p1, p2, q1, q2, found, count, memory[3:])
+        residual = close_loop(K2, K3, K4, (p1, p2), (q1, q2), found[count], memory[3:])
         k = count
         while k > 0 and residuals[k - 1] > residual:
             order[k], residuals[k] = order[k - 1], residuals[k - 1]
             k -= 1
         order[k], residuals[k] = count, residual
         count += 1
+    H, G = (H1, H2, H3, H4), (G2, G3, G4, G5)
     for s in range(count):
         k = order[s]
-        write_edge(T, s, 0, H1, G2, found[k, 0], found[k, 1])
-        write_edge(T, s, 1, H2, G3, found[k, 2], found[k, 3])
-        write_edge(T, s, 2, H3, G4, found[k, 4], found[k, 5])
-        write_edge(T, s, 3, H4, G5, found[k, 6], found[k, 7])
+        for edge in range(4):
+            write_edge(T, s, edge, H[edge], G[edge], found[k, 2 * edge], found[k, 2 * edge + 1])
     return count
 
 
@@ -180,7 +179,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
             count = _solve_from_first(new_p, new_q, new_T, nearly_real)
             if count >= 0:
                 for s in range(count):
-                    write_back(start, new_T[s], T[s])
+                    write_back(start, new_T, T, s)
                 break
     return max(count, 0)
 

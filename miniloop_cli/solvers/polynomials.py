@@ -53,8 +53,10 @@ def _tables(d: int) -> tuple[Array, Array]:
     return powers, np.ascontiguousarray(bernstein @ shift @ powers)
 
 
-POWERS_2, BERNSTEIN_2 = _tables(2)
-POWERS_4, BERNSTEIN_4 = _tables(4)
+# One table for each degree: [d] of the first axis; the degrees in use are 2 and 4.
+POWERS, BERNSTEIN = np.zeros((5, 9, 9)), np.zeros((5, 9, 9))
+for _d in (2, 4):
+    POWERS[_d, : 2 * _d + 1, : 2 * _d + 1], BERNSTEIN[_d, : 2 * _d + 1, : 2 * _d + 1] = _tables(_d)
 
 
 @njit(**OPTIONS)
@@ -131,9 +133,7 @@ def _horner(a: Array, n: int, t: float) -> float:
 
 
 @njit(**OPTIONS)
-def _roots_on_half(
-    f: Array, d: int, powers: Array, bernstein: Array, nearly_real: float, work: Array, out: Array
-) -> int:
+def _roots_on_half(f: Array, d: int, nearly_real: float, work: Array, out: Array) -> int:
     """Roots t in [-1, 1] of (1 + t^2)^d f(2 atan t) into out; returns how many."""
     n = 2 * d
     a, da, db, breaks = work[0], work[1], work[2], work[3]
@@ -141,8 +141,8 @@ def _roots_on_half(
     for i in range(n + 1):
         power, value = 0.0, 0.0
         for k in range(n + 1):
-            power += powers[i, k] * f[k]
-            value += bernstein[i, k] * f[k]
+            power += POWERS[d, i, k] * f[k]
+            value += BERNSTEIN[d, i, k] * f[k]
         a[i] = power
         if i:
             da[i - 1] = i * power
@@ -202,10 +202,7 @@ def roots_on_circle(memory: Array, d: int, nearly_real: float) -> int:
     count = 0
     t = work[-1]
     for half in range(2):
-        if d == 2:
-            found = _roots_on_half(f, 2, POWERS_2, BERNSTEIN_2, nearly_real, work, t)
-        else:
-            found = _roots_on_half(f, 4, POWERS_4, BERNSTEIN_4, nearly_real, work, t)
+        found = _roots_on_half(f, d, nearly_real, work, t)
         m = (cut + SAMPLES // 4 + half * (SAMPLES // 2)) % SAMPLES
         for i in range(found):
             if count < 2 * d:

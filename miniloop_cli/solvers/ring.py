@@ -27,25 +27,24 @@ def read_from(start: int, p: Array, q: Array, new_p: Array, new_q: Array) -> Non
 
 
 @njit(**OPTIONS)
-def write_back(start: int, new_T: Array, T: Array) -> None:
-    """Poses T (4, 3, 4) of the chain from scan 0 from those of the chain that starts at scan `start`, 1 to 4."""
+def write_back(start: int, new_T: Array, T: Array, s: int) -> None:
+    """Poses T[s] (4, 3, 4) of the chain from scan 0 from new_T[s] of the chain that starts at scan `start`, 1 to 4."""
+    missing = start - 1
     for old in range(EDGES - 1):
-        edge = (old - start) % EDGES
-        if edge < EDGES - 1:
-            T[old] = new_T[edge]
-    # The edge that closes the new chain is its inverse.
-    missing = T[start - 1]
-    missing[:] = new_T[0]
-    for edge in range(1, EDGES - 1):
-        A = new_T[edge]
-        for column in range(4):
-            x, y, z = missing[0, column], missing[1, column], missing[2, column]
+        if old != missing:
             for row in range(3):
-                shift = A[row, 3] if column == 3 else 0.0
-                missing[row, column] = A[row, 0] * x + A[row, 1] * y + A[row, 2] * z + shift
-    for row in range(3):
-        for column in range(row):
-            missing[row, column], missing[column, row] = missing[column, row], missing[row, column]
-    x, y, z = missing[0, 3], missing[1, 3], missing[2, 3]
-    for row in range(3):
-        missing[row, 3] = -(missing[row, 0] * x + missing[row, 1] * y + missing[row, 2] * z)
+                for column in range(4):
+                    T[s, old, row, column] = new_T[s, (old - start) % EDGES, row, column]
+    # The edge that closes the new chain is its inverse: unit vectors and the origin, drawn back pose by pose.
+    for column in range(4):
+        x, y, z = 1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0, 1.0 if column == 2 else 0.0
+        for edge in range(EDGES - 2, -1, -1):
+            A = new_T[s, edge]
+            if column == 3:
+                x, y, z = x - A[0, 3], y - A[1, 3], z - A[2, 3]
+            x, y, z = (
+                A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
+                A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
+                A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
+            )
+        T[s, missing, 0, column], T[s, missing, 1, column], T[s, missing, 2, column] = x, y, z

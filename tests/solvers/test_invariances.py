@@ -121,5 +121,5 @@ def test_ring_read_from_another_scan_and_back(start, rng):
     new_p, new_q, T = np.empty((10, 3)), np.empty((10, 3)), np.zeros((4, 3, 4))
     read_from(start, p, q, new_p, new_q)
     new_T = single(module)(new_p, new_q, best=True)[0]
-    write_back(start, np.ascontiguousarray(new_T[:, :3]), T)
+    write_back(start, np.ascontiguousarray(new_T[None, :, :3]), T[None], 0)
     np.testing.assert_allclose(T, truth[:, :3], atol=1e-9)
