@@ -1,3 +1,24 @@
-"""miniloop: poses and one consistent model from RGB-D scans."""
+"""miniloop: poses and one consistent model from RGB-D scans.
+
+    from miniloop_cli import evaluate, register, simulate
+
+The three calls of miniloop_cli.api are imported when they are first asked for, so that the command line starts at once.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from miniloop_cli.api import evaluate, register, simulate
 
 __version__ = "0.1.0"
+__all__ = ["__version__", "evaluate", "register", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        from miniloop_cli import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Many
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from miniloop_cli.config import Settings, load_settings
-from miniloop_cli.pipeline import Registration
+from miniloop_cli.errors import RegistrationError
+
+if TYPE_CHECKING:
+    from miniloop_cli.config import Settings
+    from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
+    from miniloop_cli.pipeline import Registration
+
+LOG = logging.getLogger("miniloop")
 
 
 def register(
     folder: Path | str,
     output: Path | str | None = None,
     *,
-    settings: Settings | str = "default",
+    settings: Settings | Path | str = "default",
     overrides: Many[str] = (),
     layout: str | None = None,
     camera: Path | str | None = None,
@@ -24,38 +32,79 @@ def register(
     fresh: bool = False,
     quiet: bool = True,
 ) -> Registration:
-    """Register a recording and write its results to `output` (default `results/<name>`).
+    """Register a recording and write its results, report included, to `output` (default `results/<name>`).
 
-    `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top.
-    Raises MiniloopError where it cannot be done.
+    `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file.
+    Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
     from miniloop_cli.artefacts import Store, default_folder
-    from miniloop_cli.export.results import write_results
+    from miniloop_cli.config import load_settings
     from miniloop_cli.lock import exclusive
     from miniloop_cli.parallel import Workers
     from miniloop_cli.pipeline import register as run_pipeline
     from miniloop_cli.scans import open_sequence
 
-    if not isinstance(settings, Settings):
+    if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
     sequence = open_sequence(Path(folder), layout=layout, camera_path=camera, max_frames=max_frames)
+    LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
+    for note in (f"camera: {sequence.camera.source}", *sequence.notes):
+        LOG.info("%s", note)
     target = Path(output) if output else Path("results") / sequence.name
     with exclusive(target):
-        run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed)
-        write_results(run, target)
+        try:
+            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed)
+        except RegistrationError as error:
+            if error.run is None:
+                raise
+            _write(error.run, target, str(error))
+            raise RegistrationError(f"{error}; see {target / 'report.html'}", error.run) from error
+        _write(run, target)
     return run
 
 
-def evaluate(trajectory: Path | str, ground_truth: Path | str) -> dict[str, Any]:
-    """Errors of a trajectory file against a TUM ground truth: the JSON of `miniloop eval`."""
+def _write(run: Registration, target: Path, problem: str = "") -> None:
+    """All files of a run; the log before the report, which shows it."""
+    from miniloop_cli.export.log import write_log
+    from miniloop_cli.export.results import write_results
+    from miniloop_cli.report import write_report
+
+    LOG.info("writing %s", target)
+    write_results(run, target)
+    write_log(run, target, problem)
+    write_report(target, run.sequence)
+
+
+def evaluate(
+    result: Path | str,
+    ground_truth: Path | str,
+    *,
+    edges: Path | str | None = None,
+    protocol: Protocol | None = None,
+) -> Evaluation:
+    """Errors of a results folder or a TUM trajectory against a recording's ground truth or a TUM trajectory.
+
+    `edges`: an edges.csv, or a list of lines "i j", instead of the result's own verified edges. The numbers that
+    `miniloop eval --json` writes are `.numbers` of what is returned. Raises MiniloopError where it cannot be done.
+    """
     from miniloop_cli.evaluation.evaluate import evaluate as run_evaluation
-    from miniloop_cli.scans import read_trajectory
+    from miniloop_cli.evaluation.inputs import read_inputs
 
-    return run_evaluation(read_trajectory(trajectory), read_trajectory(ground_truth)).numbers
+    return run_evaluation(*read_inputs(Path(result), Path(ground_truth), Path(edges) if edges else None, protocol))
 
 
-def simulate(folder: Path | str, frames: int = 30, seed: int = 0) -> Path:
-    """Write a synthetic recording with exact ground truth, in TUM's layout."""
+def simulate(
+    folder: Path | str,
+    *,
+    seed: int = 0,
+    overwrite: bool = False,
+    progress: Callable[[Iterable[Any]], Iterator[Any]] = iter,
+    **settings: Any,
+) -> Path:
+    """Write a synthetic recording with exact ground truth, in TUM's layout, and return its folder.
+
+    `settings` are those of SimulationSettings: frames, width, height, scene, path, noise ... Raises MiniloopError.
+    """
     from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
 
-    return write_sequence(Path(folder), SimulationSettings(frames=frames), seed)
+    return write_sequence(Path(folder), SimulationSettings(**settings), seed, progress, overwrite)

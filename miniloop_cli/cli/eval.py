@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from miniloop_cli.evaluation.results import Results
-    from miniloop_cli.scans.sequence import Trajectory
 
 RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "one second"}
 
@@ -82,25 +75,13 @@ def evaluate(
     \b
     Example:   miniloop eval results/desk --gt data/freiburg1_desk --plot results/desk
     """
+    from miniloop_cli import api
     from miniloop_cli.evaluation.evaluate import Protocol
-    from miniloop_cli.evaluation.evaluate import evaluate as run
-    from miniloop_cli.evaluation.results import Results, newest_result, read_edge_list
-    from miniloop_cli.scans.trajectory import read_trajectory
+    from miniloop_cli.evaluation.results import newest_result
 
     source = result or newest_result()
-    file = source / "trajectory.txt" if source.is_dir() else source
-    # A trajectory of another name does not belong to the run whose folder it may lie in.
-    folder = Results(file.parent) if file.name == "trajectory.txt" else None
-    trajectory = folder.trajectory if folder else read_trajectory(file)
-    if edges_path and edges_path.suffix != ".csv":
-        edges = read_edge_list(edges_path, frame_stamps(folder, gt))
-    elif edges_path:
-        edges = rows_of(edges_path)
-    else:
-        edges = folder.edge_stamps_s if folder else None
     protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap)
-    edges_are = f"edges of {edges_path.name}" if edges_path else "verified edges"
-    evaluation = run(trajectory, ground_truth(gt), edges, protocol, edges_are)
+    evaluation = api.evaluate(source, gt, edges=edges_path, protocol=protocol)
     if json_path != "-":
         click.echo(table(evaluation.numbers, str(source), protocol.describe()))
     if json_path:
@@ -110,43 +91,6 @@ def evaluate(
 
         for path in write_plots(evaluation, plot):
             click.echo(f"wrote {path}", err=True)
-
-
-def ground_truth(gt: Path) -> Trajectory:
-    """The trajectory behind --gt: a file, a TUM folder's groundtruth.txt, or what another layout comes with."""
-    from miniloop_cli.errors import InputError
-    from miniloop_cli.scans import open_sequence, read_ground_truth
-    from miniloop_cli.scans.trajectory import read_trajectory
-
-    if gt.is_file():
-        return read_trajectory(gt)
-    if (gt / "groundtruth.txt").is_file():
-        return read_trajectory(gt / "groundtruth.txt")
-    truth = read_ground_truth(open_sequence(gt))
-    if truth is None:
-        raise InputError(f"{gt} comes without ground truth (no groundtruth.txt): give a trajectory file to --gt")
-    return truth
-
-
-def rows_of(path: Path) -> NDArray[np.float64]:
-    """Edge stamps of another run's edges.csv."""
-    from miniloop_cli.evaluation.results import edge_stamps, read_table
-
-    return edge_stamps(read_table(path), path)
-
-
-def frame_stamps(folder: Results | None, gt: Path) -> NDArray[np.float64]:
-    """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording."""
-    import numpy as np
-
-    from miniloop_cli.errors import InputError
-    from miniloop_cli.scans import open_sequence
-
-    if folder and len(folder.frame_stamps_s):
-        return folder.frame_stamps_s
-    if gt.is_dir():
-        return np.array([frame.timestamp_s for frame in open_sequence(gt).frames])
-    raise InputError("frame numbers need the recording's time stamps: give its folder to --gt")
 
 
 def table(numbers: dict[str, Any], source: str, association: str) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 if TYPE_CHECKING:
@@ -18,8 +19,8 @@ FORMATS = {
     "kitti": ("plain:write_kitti", "poses.txt (3 x 4 matrices) and times.txt"),
     "g2o": ("plain:write_graph", "graph.g2o: poses, edges and their information"),
     "open3d": ("open3d_json:write_open3d", "pose_graph.json, camera_trajectory.json"),
-    "colmap": ("colmap:write_colmap", "undistorted images, text model, depth maps; needs the recording"),
-    "nerfstudio": ("nerfstudio:write_nerfstudio", "transforms.json with depth; needs the recording"),
+    "colmap": ("colmap:write_colmap", "undistorted images, text model, depth maps"),
+    "nerfstudio": ("nerfstudio:write_nerfstudio", "transforms.json with depth"),
     "numpy": ("plain:write_numpy", "poses.npz"),
     "ply": ("plain:write_clouds", "cameras.ply and cloud.ply"),
 }
@@ -28,10 +29,14 @@ recording = click.option(
     "--sequence",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     metavar="SEQ",
-    help="The recording that was registered (its images, its camera).",
+    help="The recording that was registered [default: where it was then].",
 )
-layout = click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
-camera = click.option("--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) of SEQ.")
+camera = click.option(
+    "--camera",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Intrinsics (YAML) of SEQ [default: those of the run].",
+)
 
 
 @click.command(context_settings=CONTEXT, epilog="\b\n" + "\n".join(f"{k:<11} {v[1]}" for k, v in FORMATS.items()))
@@ -45,7 +50,7 @@ camera = click.option("--camera", type=click.Path(path_type=Path), metavar="FILE
     "-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Output folder [default: DIR/<format>]."
 )
 @recording
-@layout
+@options.layout
 @camera
 def export(
     result: Path | None,
@@ -58,7 +63,7 @@ def export(
     """Write the result in DIR (default: the newest) in the format of another tool.
 
     \b
-    Example:   miniloop export results/desk --to colmap --sequence rgbd_dataset_freiburg1_desk
+    Example:   miniloop export results/desk --to colmap --to tum
     """
     import importlib
 
@@ -72,10 +77,22 @@ def export(
 
 
 def open_model(result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None) -> Model:
-    """The results folder, the newest by default, with the recording where it was given."""
+    """The results folder, the newest by default, with the recording: the given one, else where the run found it.
+
+    The camera is that of the run, unless another one is given.
+    """
+    from miniloop_cli.errors import MiniloopError
     from miniloop_cli.evaluation.results import Results, newest_result
     from miniloop_cli.export.model import Model
     from miniloop_cli.scans import open_sequence
 
-    opened = open_sequence(sequence, layout=layout, camera_path=camera) if sequence else None
-    return Model(Results(result or newest_result()), opened)
+    results = Results(result or newest_result())
+    own_camera = results.root / "camera.yaml"
+    camera = camera or (own_camera if own_camera.is_file() else None)
+    if sequence:
+        return Model(results, open_sequence(sequence, layout=layout, camera_path=camera))
+    recorded = results.summary.get("recording")
+    try:
+        return Model(results, open_sequence(recorded, layout or results.summary.get("layout"), camera))
+    except (MiniloopError, TypeError):  # moved since, or never known: a format that needs it will ask for it
+        return Model(results)

@@ -8,13 +8,16 @@ from __future__ import annotations
 import difflib
 import importlib
 import os
+import signal
 import sys
+from contextlib import suppress
 
 import click
 
 from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError
 
+PROGRAM = "miniloop"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 COMMANDS = {
@@ -25,6 +28,9 @@ COMMANDS = {
     "simulate": "miniloop_cli.cli.simulate:simulate",
     "demo": "miniloop_cli.cli.demo:demo",
     "bench": "miniloop_cli.cli.bench:bench",
+    "config": "miniloop_cli.cli.config:config",
+    "cache": "miniloop_cli.cli.cache:cache",
+    "completion": "miniloop_cli.cli.completion:completion",
 }
 
 
@@ -71,19 +77,31 @@ def cli(ctx: click.Context, debug: bool) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
-    debug = "--debug" in (sys.argv[1:] if args is None else args) or bool(os.environ.get("MINILOOP_DEBUG"))
+    args = sys.argv[1:] if args is None else args
+    debug = "--debug" in args or bool(os.environ.get("MINILOOP_DEBUG"))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped container tidies up, too
     try:
-        cli.main(args=args, prog_name="miniloop", standalone_mode=False)
-    except click.exceptions.Exit as done:
-        sys.exit(done.exit_code)
+        # --debug is taken wherever it stands: people add it to the end of the command that failed.
+        cli.main(args=[arg for arg in args if arg != "--debug"], prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         click.echo("miniloop: interrupted; finished work is kept, the same command continues", err=True)
         sys.exit(130)
-    except MiniloopError as error:
+    except (MiniloopError, MemoryError, OSError) as error:
         if debug:
             raise
-        click.echo(f"miniloop: {error}", err=True)
+        if not isinstance(error, BrokenPipeError):  # there, whoever read the output has gone and wants no more
+            click.echo(f"miniloop: {_one_line(error)}", err=True)
+        with suppress(OSError):  # what could not be printed is not tried again when the interpreter ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _one_line(error: Exception) -> str:
+    """The message of an error that the user can act on."""
+    if isinstance(error, MemoryError):
+        return "out of memory: use fewer frames (--max-frames) or fewer jobs (--jobs 1)"
+    return str(error)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from miniloop_cli.cli import options
-from miniloop_cli.cli.export import camera, layout, open_model, recording
+from miniloop_cli.cli.export import camera, open_model, recording
 from miniloop_cli.cli.main import CONTEXT
 
 
@@ -16,7 +16,7 @@ from miniloop_cli.cli.main import CONTEXT
     "result", metavar="[DIR]", required=False, type=click.Path(file_okay=False, exists=True, path_type=Path)
 )
 @recording
-@layout
+@options.layout
 @camera
 @options.output_dir("DIR")
 @click.option("--voxel", type=click.FloatRange(0.001, 1), default=0.01, show_default=True, metavar="METRES",
@@ -43,7 +43,7 @@ def mesh(
     """Fuse the scans of the result in DIR (default: the newest) to mesh.ply and fused_cloud.ply.
 
     \b
-    Example:   miniloop mesh results/desk --sequence rgbd_dataset_freiburg1_desk
+    Example:   miniloop mesh results/desk --voxel 0.02
     """
     from miniloop_cli.export.mesh import fuse
     from miniloop_cli.export.ply import write_ply

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,49 @@ import click
 
 from miniloop_cli.files import atomic_write
 
+
+def complete(name: str) -> Callable:
+    """A completer of cli/completion.py, imported when the tab key is pressed."""
+
+    def completer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list:
+        from miniloop_cli.cli import completion
+
+        return getattr(completion, name)(ctx, param, incomplete)
+
+    return completer
+
+
+def _show_notes(ctx: click.Context, param: click.Parameter, verbose: bool) -> None:
+    if verbose:
+        logging.basicConfig(level=logging.WARNING, format="%(message)s")
+        logging.getLogger("miniloop").setLevel(logging.INFO)
+
+
 seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all randomness.")
 jobs = click.option("-j", "--jobs", type=int, default=-1, show_default=True, help="Parallel jobs; -1: all cores.")
 quiet = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes; errors and results only.")
+verbose = click.option(
+    "-v",
+    "--verbose",
+    is_flag=True,
+    expose_value=False,
+    callback=_show_notes,
+    help="Say on stderr what is done and assumed.",
+)
+overrides = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    shell_complete=complete("complete_assignment"),
+    help="Change one setting; may be repeated.",
+)
+layout = click.option(
+    "--layout",
+    metavar="NAME",
+    shell_complete=complete("complete_layout"),
+    help="Layout of SEQ, if looking at the folder is not enough.",
+)
 json_file = click.option("--json", "json_path", metavar="FILE|-", help="Write JSON to FILE, or to stdout with '-'.")
 
 
@@ -44,3 +85,12 @@ def write_rows(rows: Sequence[dict[str, Any]], csv_path: Path | None = None, jso
             writer.writerows(rows)
     if json_path:
         write_json(json_path, {"rows": list(rows)})
+
+
+def wrapped(text: str, indent: str = "  ", width: int = 80) -> str:
+    """A line broken at words so that it fits; what is carried over is indented."""
+    import textwrap
+
+    return "\n".join(
+        textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    )

@@ -24,19 +24,29 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
     default="default",
     show_default=True,
     metavar="NAME|FILE",
+    shell_complete=options.complete("complete_preset"),
     help="default, paper, fast, accurate, or a YAML file.",
 )
 @click.option("--features", type=click.Choice(FEATURES), help="Detector and descriptor.")
 @click.option(
     "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
 )
-@click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
+@options.layout
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one setting; may be repeated.")
+@options.overrides
 @click.option("--fresh", is_flag=True, help="Make everything again; by default finished work is taken up.")
 @options.jobs
 @options.seed
+@options.json_file
+@click.option(
+    "--rerun",
+    "recording_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.rrd",
+    help="Also write the run for the Rerun viewer (needs: pip install 'miniloop[viz]').",
+)
 @options.quiet
+@options.verbose
 def register(
     sequence: Path,
     output: Path | None,
@@ -49,6 +59,8 @@ def register(
     fresh: bool,
     jobs: int,
     seed: int,
+    json_path: str | None,
+    recording_path: Path | None,
     quiet: bool,
 ) -> None:
     """Register the scans of SEQ: poses of all frames, one model, and the evidence for them.
@@ -58,6 +70,12 @@ def register(
                miniloop eval --gt rgbd_dataset_freiburg1_xyz
     """
     from miniloop_cli.api import register as run_register
+    from miniloop_cli.export.results import summary
+
+    if recording_path:
+        from miniloop_cli.export.rerun import import_rerun
+
+        import_rerun()  # said now, not when the work is done
 
     if features:
         overrides = (f"features.type={features}", *overrides)
@@ -74,26 +92,38 @@ def register(
         fresh=fresh,
         quiet=quiet,
     )
-    if not quiet:
-        print_summary(run, output or Path("results") / run.sequence.name)
+    folder = output or Path("results") / run.sequence.name
+    if recording_path:
+        from miniloop_cli.export.rerun import write_rerun
+
+        write_rerun(run, folder, recording_path)
+    if json_path:
+        options.write_json(json_path, summary(run))
+    if not quiet and json_path != "-":
+        print_summary(run, folder)
 
 
 def print_summary(run: Registration, folder: Path) -> None:
-    """What was found, in a few lines that fit 80 columns."""
+    """What was found, as a table that fits 80 columns."""
     from miniloop_cli.export.results import reason, summary
 
-    numbers = summary(run)
-    cycles = ", ".join(f"{count} by {kind}{'-cycles' * kind.isdigit()}" for kind, count in numbers["cycles"].items())
-    seconds = ", ".join(f"{stage} {value:.1f}" for stage, value in run.timings_s.items())
-    click.echo(f"registered  {numbers['registered']} of {numbers['frames']} frames")
-    click.echo(f"camera      {numbers['camera']}")
-    click.echo(f"edges       {numbers['edges']} verified; solved: {cycles}")
-    click.echo(f"seconds     {seconds}")
-    click.echo(f"results     {folder}")
+    numbers, seconds = summary(run), run.timings_s
+    solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]
+    rows = {
+        "registered": f"{numbers['registered']} of {numbers['frames']} frames",
+        "camera": numbers["camera"],
+        "edges": f"{numbers['edges']} verified; solved by " + ", ".join(f"{k} {count}" for k, count in solved),
+        "seconds": f"{sum(seconds.values()):.1f}: " + ", ".join(f"{stage} {s:.1f}" for stage, s in seconds.items()),
+        "results": str(folder),
+        "report": str(folder / "report.html"),
+    }
+    if numbers["components"] > 1:
+        rows["pieces"] = ", ".join(map(str, numbers["component_sizes"])) + " frames, not joined to each other"
+    for name, text in rows.items():
+        click.echo(options.wrapped(f"{name:<12}{text}", " " * 12))
     missing = [index for index in range(numbers["frames"]) if run.poses.component[index] != 0]
     for index in missing[:10]:
-        click.echo(
-            f"frame {index} ({run.sequence.frames[index].timestamp_s:.6f}) is not registered: {reason(run, index)}"
-        )
+        stamp = f"{run.sequence.frames[index].timestamp_s:.6f}"
+        click.echo(options.wrapped(f"no pose for frame {index} ({stamp}): {reason(run, index)}"))
     if len(missing) > 10:
-        click.echo(f"... and {len(missing) - 10} more: see frames.csv")
+        click.echo(f"... and {len(missing) - 10} more: see {folder / 'frames.csv'}")

@@ -57,10 +57,14 @@ def simulate(
     \b
     Example:   miniloop simulate room && miniloop register room
     """
+    from miniloop_cli import api
     from miniloop_cli.progress import track
-    from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
 
-    settings = SimulationSettings(
+    done = api.simulate(
+        folder,
+        seed=seed,
+        overwrite=overwrite,
+        progress=lambda items: track(items, "simulating", total=frames, quiet=quiet),
         frames=frames,
         width=width,
         height=height,
@@ -74,9 +78,6 @@ def simulate(
         blur_s=blur,
         rolling_shutter_s=rolling_shutter,
         rate_hz=rate,
-    )
-    done = write_sequence(
-        folder, settings, seed, lambda items: track(items, "simulating", total=frames, quiet=quiet), overwrite
     )
     if not quiet:
         click.echo(f"{frames} frames with ground truth in {done}; next: miniloop register {folder}", err=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import platform
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -26,24 +27,40 @@ from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.poses import residuals
 from miniloop_cli.scans import read_scan, write_trajectory
+from miniloop_cli.scans.intrinsics import save_camera
 from miniloop_cli.scans.sequence import Trajectory
 
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx")
 
 
+# What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
+OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
+
+
 def write_results(run: Registration, folder: Path) -> None:
-    """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete."""
+    """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
+
+    A run that registered nothing leaves everything but trajectory, graph and cloud.
+    """
+    for path in [folder / name for name in OF_ONE_RUN] + list(folder.glob(".*.tmp")):
+        path.unlink(missing_ok=True)
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
+    save_camera(folder / "camera.yaml", run.sequence.camera)
     _write_frames(run, stamps, folder / "frames.csv")
     _write_edges(run, stamps, folder / "edges.csv")
     _write_inliers(run, folder / "inliers.npz")
-    _write_graph(run, folder / "graph.g2o")
-    write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run), run.settings.cloud.voxel_m))
+    registered = run.poses.registered
+    if len(registered):
+        _write_graph(run, folder / "graph.g2o")
+        begin = time.perf_counter()
+        write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run), run.settings.cloud.voxel_m))
+        run.timings_s["model"] = round(time.perf_counter() - begin, 3)
     with atomic_write(folder / "summary.json") as file:
         json.dump(summary(run), file, indent=1)
-    registered = run.poses.registered
-    write_trajectory(folder / "trajectory.txt", Trajectory(stamps[registered], run.poses.T_world_cam[registered]))
+        file.write("\n")
+    if len(registered):
+        write_trajectory(folder / "trajectory.txt", Trajectory(stamps[registered], run.poses.T_world_cam[registered]))
 
 
 def summary(run: Registration) -> dict[str, Any]:
@@ -53,6 +70,8 @@ def summary(run: Registration) -> dict[str, Any]:
     covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
     return {
         "sequence": run.sequence.name,
+        "recording": str(run.sequence.root),
+        "layout": run.sequence.layout,
         "frames": len(run.sequence.frames),
         "registered": len(run.poses.registered),
         "components": len(sizes),

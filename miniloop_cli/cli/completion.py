@@ -1,0 +1,69 @@
+"""`miniloop completion SHELL`, and what the shell may complete: presets, settings, layouts."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import CompletionItem
+
+from miniloop_cli.cli.main import CONTEXT, PROGRAM, cli
+
+# Where each shell looks for it.
+FILES = {
+    "bash": "~/.local/share/bash-completion/completions/miniloop",
+    "zsh": "~/.zfunc/_miniloop   (with: fpath+=~/.zfunc before compinit in ~/.zshrc)",
+    "fish": "~/.config/fish/completions/miniloop.fish",
+}
+
+
+@click.command(
+    context_settings=CONTEXT, epilog="\b\nSave it to:\n" + "\n".join(f"{k:<5} {v}" for k, v in FILES.items())
+)
+@click.argument("shell", type=click.Choice(list(FILES)))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: commands, options, presets, settings and files by the tab key.
+
+    \b
+    Example:   source <(miniloop completion bash)     # for this session
+    """
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    if kind is None:  # cannot happen for the three choices
+        raise click.UsageError(f"no completion for {shell}")
+    click.echo(kind(cli, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source())
+
+
+def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Presets that begin so; else files."""
+    from miniloop_cli.config import PRESETS
+
+    found = [CompletionItem(name) for name in PRESETS if name.startswith(incomplete)]
+    return found or [CompletionItem(incomplete, type="file")]
+
+
+def complete_key(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Dotted keys of settings that begin so, with their meaning where the shell shows it."""
+    from miniloop_cli.config import keys
+
+    return [CompletionItem(k, help=field.description) for k, field in keys().items() if k.startswith(incomplete)]
+
+
+def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """`key=`, or once the key is whole, `key=value` for settings with a fixed choice."""
+    from typing import get_args
+
+    from miniloop_cli.config import keys
+
+    key, equals, begun = incomplete.partition("=")
+    if not equals:
+        return [CompletionItem(f"{item.value}=", help=item.help) for item in complete_key(ctx, param, key)]
+    field = keys().get(key)
+    choices = get_args(field.annotation) if field else ()
+    return [CompletionItem(f"{key}={choice}") for choice in map(str, choices) if choice.startswith(begun)]
+
+
+def complete_layout(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Layouts of recordings that begin so."""
+    from miniloop_cli.scans import LAYOUTS
+
+    return [CompletionItem(name) for name in LAYOUTS if name.startswith(incomplete)]

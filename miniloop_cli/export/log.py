@@ -1,0 +1,55 @@
+"""log.txt: what a run was given, what it assumed, what went wrong with which frame, and how it ended."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from miniloop_cli.export.results import reason, versions
+from miniloop_cli.files import atomic_write
+from miniloop_cli.pipeline import Registration
+from miniloop_cli.report.data import load
+from miniloop_cli.report.verdict import judge
+
+
+def write_log(run: Registration, folder: Path, problem: str = "") -> None:
+    """Write log.txt into the folder that holds the other results of the run; `problem`: why it failed."""
+    with atomic_write(folder / "log.txt") as file:
+        file.write("\n".join(log_lines(run, folder, problem)) + "\n")
+
+
+def log_lines(run: Registration, folder: Path, problem: str = "") -> list[str]:
+    """The lines of log.txt."""
+    sequence, camera = run.sequence, run.sequence.camera
+    lens = ", ".join(f"{value:g}" for value in camera.distortion) if any(camera.distortion) else "none"
+    verdict = judge(load(folder, sequence))
+    problems = [
+        f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {reason(run, k)}"
+        for k in np.flatnonzero(run.poses.component != 0).tolist()
+    ]
+    return [
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC; " + ", ".join(f"{k} {v}" for k, v in versions().items()),
+        f"recording: {sequence.root} (layout {sequence.layout}, {len(sequence.frames)} frames)",
+        f"camera: {camera.source}",
+        f"  fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}, {camera.width} x {camera.height},"
+        f" {camera.depth_scale:g} units a metre, distortion {lens}",
+        *(f"note: {note}" for note in sequence.notes),
+        f"seed: {run.seed}",
+        "",
+        "settings:",
+        *(f"  {line}" for line in yaml.safe_dump(run.settings.model_dump(), sort_keys=False, width=120).splitlines()),
+        "",
+        "seconds:",
+        *(f"  {stage:<12} {seconds:9.3f}" for stage, seconds in run.timings_s.items()),
+        "",
+        "frames without a pose:" if problems else "every frame has a pose",
+        *(f"  {line}" for line in problems),
+        "",
+        verdict.headline,
+        *([f"  {problem}"] if problem else []),
+        *(f"  {fact}" for fact in verdict.facts),
+        *(f"  try: {advice}" for advice in verdict.advice),
+    ]
