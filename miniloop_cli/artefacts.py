@@ -13,6 +13,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.files import atomic_write
 
 Arrays = Mapping[str, NDArray[Any]]
+MAKERS = ("scans", "features", "graph", "ransac", "solvers")  # packages whose code decides what an artefact holds
 
 
 def default_folder() -> Path:
@@ -33,9 +35,19 @@ def default_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "miniloop"
 
 
+@cache
+def code_version() -> str:
+    """Hash of the release and of the sources that artefacts are made by: a changed solver finds no old result."""
+    package = Path(__file__).parent
+    digest = hashlib.blake2b(__version__.encode(), digest_size=16)
+    for path in sorted(path for folder in MAKERS for path in (package / folder).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 def fingerprint(*parts: Any) -> str:
     """Hash of JSON-able parts and the code's version."""
-    text = json.dumps([__version__, *parts], sort_keys=True, separators=(",", ":"), default=str)
+    text = json.dumps([code_version(), *parts], sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -96,6 +96,20 @@ class Averaging(Section):
     max_residual_m: float = Field(0.10, gt=0, description="An edge farther off than this is dropped (m).")
 
 
+class Bundle(Section):
+    """The joint refinement by bundle adjustment over feature tracks."""
+
+    partners: int = Field(15, ge=1, description="Scans that each scan is matched with again, guided by the poses.")
+    radius_px: float = Field(8.0, gt=0, description="How far from its predicted place a feature is looked for (px).")
+    max_distance2: float = Field(0.3, gt=0, description="Squared descriptor distance of a guided match, at most.")
+    min_frames: int = Field(3, ge=2, description="Scans that a track must be seen in.")
+    depth_sigma_factor: float = Field(2.0, gt=0, description="Depth noise in units of the sensor model.")
+    timing: bool = Field(
+        True,
+        description="Estimate rolling shutter and the lag of depth behind colour from the recording, if observable.",
+    )
+
+
 class Cloud(Section):
     """The model that is written."""
 
@@ -114,6 +128,7 @@ class Settings(Section):
     cycles: Cycles = Cycles()
     averaging: Averaging = Averaging()
     refine: Literal["none", "posegraph", "bundle"] = Field("bundle", description="Joint refinement of all poses.")
+    bundle: Bundle = Bundle()
     cloud: Cloud = Cloud()
 
 

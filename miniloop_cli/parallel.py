@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, effective_n_jobs
 from threadpoolctl import threadpool_limits
 
 from miniloop_cli.progress import track
@@ -24,6 +24,11 @@ class Workers:
 
     jobs: int = -1
     quiet: bool = True
+
+    @property
+    def threads(self) -> int:
+        """Number of jobs, resolved."""
+        return effective_n_jobs(self.jobs)
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int

@@ -23,10 +23,12 @@ from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, average
-from miniloop_cli.refine import refine
+from miniloop_cli.refine import Scans, refine
+from miniloop_cli.refinement.timing import Timing
 from miniloop_cli.scans.sequence import Sequence
 
 LOG = logging.getLogger("miniloop")
+
 
 @dataclass(frozen=True)
 class Registration:
@@ -39,6 +41,7 @@ class Registration:
     edges: list[Edge]
     poses: Poses
     covariance: NDArray[np.float64]
+    timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
 
 
@@ -84,8 +87,13 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
             run = Registration(sequence, settings, seed, scans, edges, poses, unknown, watch.seconds)
             raise RegistrationError(_why_nothing(scans, edges, settings), run)
     with watch.stage("refinement"):
-        poses, covariance = refine(poses, edges, features, sequence.camera, settings, workers)
-    return Registration(sequence, settings, seed, scans, edges, poses, covariance, watch.seconds)
+        stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+        depth_stamps = np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in sequence.frames])
+        inputs = Scans(features, points, stamps, depth_stamps, sequence.camera)
+        refined = refine(poses, edges, inputs, settings, workers)
+    return Registration(
+        sequence, settings, seed, scans, edges, refined.poses, refined.covariance, refined.timing, watch.seconds
+    )
 
 
 def _matcher(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
@@ -27,7 +27,8 @@ class ExtractedScan:
     problem: str = ""
 
 
-NOTHING = ScanFeatures(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 128), np.uint8))
+NOTHING = ScanFeatures(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
+COLUMNS = [column.name for column in fields(ScanFeatures)]
 
 
 def extract(sequence: Sequence, settings: Settings, store: Store, workers: Workers) -> Iterator[ExtractedScan]:
@@ -51,10 +52,9 @@ def extract_scan(sequence: Sequence, index: int, settings: Settings, store: Stor
         found = scan_features(scan, sequence.camera, settings.features, settings.depth)
         readings = scan.depth_m[scan.depth_m > 0]
         depth = np.array([len(readings) / scan.depth_m.size, np.median(readings) if len(readings) else 0.0])
-        kept = {"px": found.px, "px_ideal": found.px_ideal, "z_m": found.z_m, "descriptors": found.descriptors}
-        kept["depth"] = depth
+        kept = {name: getattr(found, name) for name in COLUMNS} | {"depth": depth}
         store.save("features", key, kept)
-    found = ScanFeatures(kept["px"], kept["px_ideal"], kept["z_m"], kept["descriptors"])
+    found = ScanFeatures(*(kept[name] for name in COLUMNS))
     return ExtractedScan(found, float(kept["depth"][0]), float(kept["depth"][1]), key)
 
 

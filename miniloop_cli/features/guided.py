@@ -26,19 +26,18 @@ def guided_match(
     T_b_a: Floats,
     camera: Camera,
     radius_px: float,
-    ratio: float,
     max_distance2: float,
 ) -> Ints:
     """Matches (m, 2) of the features of scans a and b whose relative pose T_b_a (4, 4) is known.
 
     Each feature of a with depth is projected into b and compared with the features within `radius_px`; where both
     have a depth, the depths must agree within 3 sigma and 5 %. The best candidate must be nearer than
-    `max_distance2` (squared descriptor distance) and `ratio` times the second best of the window. The same from b to
-    a; a pair is kept if one direction found it and the other did not find another.
+    `max_distance2` (squared descriptor distance). The same from b to a; a pair is kept if one direction found it and
+    nothing contradicts it.
     """
     T_a_b = np.linalg.inv(T_b_a)
-    forward = _direction(a, b, descriptors_a, descriptors_b, T_b_a, camera, radius_px, ratio, max_distance2)
-    backward = _direction(b, a, descriptors_b, descriptors_a, T_a_b, camera, radius_px, ratio, max_distance2)
+    forward = _direction(a, b, descriptors_a, descriptors_b, T_b_a, camera, radius_px, max_distance2)
+    backward = _direction(b, a, descriptors_b, descriptors_a, T_a_b, camera, radius_px, max_distance2)
     return agreed(forward, backward)
 
 
@@ -50,7 +49,6 @@ def _direction(
     T_b_a: Floats,
     camera: Camera,
     radius_px: float,
-    ratio: float,
     max_distance2: float,
 ) -> Ints:
     count = a.with_depth
@@ -62,7 +60,7 @@ def _direction(
     order, start, columns = _grid(b.px_ideal, camera)
     return search_windows(
         px, p_b[:, 2], tolerance_m, descriptors_a, b.px_ideal, b.z_m, descriptors_b, order, start, columns,
-        radius_px, ratio, max_distance2,
+        radius_px, max_distance2,
     )  # fmt: skip
 
 
@@ -88,7 +86,6 @@ def search_windows(
     start: Ints,
     columns: int,
     radius_px: float,
-    ratio: float,
     max_distance2: float,
 ) -> Ints:
     """Best feature of b (n,) for each predicted pixel (n, 2) and depth (n,) of a's features; -1 where there is none."""
@@ -100,7 +97,7 @@ def search_windows(
         top, bottom = int(np.floor((v - radius_px) / CELL_PX)), int(np.floor((v + radius_px) / CELL_PX))
         if right < 0 or bottom < 0 or left >= columns or top >= rows:
             continue
-        best, second, which = np.float32(3e38), np.float32(3e38), -1
+        best, which = np.float32(max_distance2), -1
         for row in range(max(top, 0), min(bottom, rows - 1) + 1):
             first = start[row * columns + max(left, 0)]
             last = start[row * columns + min(right, columns - 1) + 1]
@@ -115,11 +112,8 @@ def search_windows(
                     difference = descriptors_a[k, d] - descriptors_b[b, d]
                     distance += difference * difference
                 if distance < best:
-                    best, second, which = distance, best, b
-                elif distance < second:
-                    second = distance
-        if which >= 0 and best < max_distance2 and best < ratio * ratio * second:
-            found[k] = which
+                    best, which = distance, b
+        found[k] = which
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.config import Depth, Features
-from miniloop_cli.features.detect import Detection, detect
+from miniloop_cli.features.detect import detect
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Scan
 
@@ -18,12 +18,14 @@ from miniloop_cli.scans.sequence import Scan
 class ScanFeatures:
     """Features of one scan: those with depth first, each part strongest first.
 
-    px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; descriptors: (n, d).
+    px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; slope: (n, 2) how depth changes
+    along the image there (m/px), 0 where it is not smooth; descriptors: (n, d).
     """
 
     px: NDArray[np.float64]
     px_ideal: NDArray[np.float64]
     z_m: NDArray[np.float64]
+    slope: NDArray[np.float64]
     descriptors: NDArray[Any]
 
     @property
@@ -42,12 +44,10 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
     found = detect(gray, features.type, features.count, features.contrast)
     z_m = depth_at(scan.depth_m, found.px, depth)
-    return _depth_first(found, camera.undistort(found.px), z_m)
-
-
-def _depth_first(found: Detection, px_ideal: NDArray, z_m: NDArray) -> ScanFeatures:
+    slope = depth_slope(scan.depth_m, found.px, z_m, depth)
+    px_ideal = camera.undistort(found.px)
     order = np.argsort(np.isnan(z_m), kind="stable")
-    return ScanFeatures(found.px[order], px_ideal[order], z_m[order], found.descriptors[order])
+    return ScanFeatures(found.px[order], px_ideal[order], z_m[order], slope[order], found.descriptors[order])
 
 
 def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: Depth) -> NDArray[np.float64]:
@@ -68,3 +68,19 @@ def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: De
     value = np.einsum("ij,ij->i", np.where(smooth[:, None], z, 0), weight)
     usable = inside & smooth & (value >= settings.min_m) & (value <= settings.max_m)
     return np.where(usable, value, np.nan)
+
+
+SLOPE_STEP_PX = 5.0  # near readings differ by noise, far ones by other surfaces
+
+
+def depth_slope(
+    depth_m: NDArray[np.float32], px: NDArray[np.float64], z_m: NDArray[np.float64], settings: Depth
+) -> NDArray[np.float64]:
+    """Change of depth along x and y (n, 2) in m/px at (n, 2) pixels of depth z_m (n,); 0 across edges and holes."""
+    slope = np.zeros((len(px), 2))
+    for axis in range(2):
+        step = np.eye(2)[axis] * SLOPE_STEP_PX
+        before, after = depth_at(depth_m, px - step, settings), depth_at(depth_m, px + step, settings)
+        smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
+        slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
+    return slope

@@ -67,10 +67,9 @@ def solve_edges(
     """
     solved: dict[Pair, Edge] = {}
     hopeless = _hopeless(matches, points, settings, workers)
+    reason = f"no {settings.verification.rescue_inliers} matches agree in their distances"
     for pair in hopeless:
-        solved[pair] = replace(
-            _unsolved(pair, matches, 2), reason=_DISAGREE.format(settings.verification.rescue_inliers)
-        )
+        solved[pair] = replace(_unsolved(pair, matches, 2), reason=reason)
     open_edges, numbered = {pair: rows for pair, rows in matches.items() if pair not in hopeless}, 0
     for longest in range(settings.cycles.longest, 1, -1):
         graph = overlap_graph(len(points), open_edges)

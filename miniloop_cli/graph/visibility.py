@@ -1,0 +1,66 @@
+"""Which scans must see the same place, once their poses are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+SAMPLE = 100  # points that stand for a scan
+MIN_SHARE = 0.3  # of them that must be in view of the other scan
+
+
+def sample_points(points: Sequence[ScanPoints]) -> Floats:
+    """(n, SAMPLE, 3) points of each scan, evenly drawn from its list; NaN for scans without any."""
+    chosen = np.full((len(points), SAMPLE, 3), np.nan)
+    for k, scan in enumerate(points):
+        if len(scan.points_m):
+            chosen[k] = scan.points_m[np.linspace(0, len(scan.points_m) - 1, SAMPLE).astype(int)]
+    return chosen
+
+
+def partners(
+    T_world_cam: Floats, scans: NDArray[np.int64], points: Sequence[ScanPoints], camera: Camera, most: int
+) -> list[Pair]:
+    """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted."""
+    T = np.ascontiguousarray(T_world_cam[scans])
+    sample = sample_points([points[k] for k in scans])
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height])
+    share = _shares(T, np.ascontiguousarray(se3.inverse(T)), sample, lens)
+    share = np.minimum(share, share.T)
+    np.fill_diagonal(share, 0.0)
+    best = np.argsort(-share, axis=1, kind="stable")[:, :most]
+    pairs = {
+        (int(min(scans[a], scans[b])), int(max(scans[a], scans[b])))
+        for a, row in enumerate(best)
+        for b in row
+        if share[a, b] >= MIN_SHARE
+    }
+    return sorted(pairs)
+
+
+@njit(cache=True, nogil=True)
+def _shares(T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats) -> Floats:
+    """(n, n) share of the sample points of scan a (row) that lie in the image of scan b (column)."""
+    n = T_world_cam.shape[0]
+    share = np.zeros((n, n))
+    for a in range(n):
+        for b in range(n):
+            T = T_cam_world[b] @ T_world_cam[a]
+            seen = 0
+            for k in range(sample.shape[1]):
+                x, y, z = sample[a, k, 0], sample[a, k, 1], sample[a, k, 2]
+                depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+                if depth > 0.2:
+                    u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
+                    v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
+                    seen += 0 <= u < lens[4] and 0 <= v < lens[5]
+            share[a, b] = seen / sample.shape[1]
+    return share

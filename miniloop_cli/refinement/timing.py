@@ -1,0 +1,145 @@
+"""What a moving RGB-D camera does to its own measurements: rolling shutter, and depth that lags behind colour.
+
+The rows of a colour image are exposed one after the other, and the depth image that is stored beside it was taken at
+another moment. With the camera's motion known both are undone, to first order, in the measurements themselves: a
+pixel is moved to where it would have been at the middle row's time, and a depth to what it would have read then. The
+two unknown times, one of each for a whole recording, are found as those under which all measurements agree best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+MAX_GAP_S = 0.6  # frames farther apart say nothing of the motion at a frame
+
+
+@dataclass(frozen=True)
+class Timing:
+    """readout_s: from the first row of a colour image to the last; lag_s: depth was taken so much after its stamp."""
+
+    readout_s: float = 0.0
+    lag_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Observations of tracks as they were made, k of them.
+
+    frame, track (k,); row_share (k,) place of the measured row in the image, -1/2 at the top to 1/2 at the bottom;
+    px_ideal (k, 2); z_m (k,) or NaN; slope (k, 2) m/px; stamp_lag_s (k,) depth stamp minus colour stamp.
+    """
+
+    frame: Ints
+    track: Ints
+    row_share: Floats
+    px_ideal: Floats
+    z_m: Floats
+    slope: Floats
+    stamp_lag_s: Floats
+
+    def subset(self, rows: NDArray) -> Measurements:
+        """The measurements of these rows (indices or a mask)."""
+        return Measurements(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def twists(T_world_cam: Floats, timestamps_s: Floats, known: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
+
+    Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero where there
+    are no neighbours to tell.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation, RotationSpline
+
+    v, w = np.zeros((len(T_world_cam), 3)), np.zeros((len(T_world_cam), 3))
+    frames = np.flatnonzero(known)
+    times = timestamps_s[frames]
+    for run in np.split(frames, np.flatnonzero((np.diff(times) > MAX_GAP_S) | (np.diff(times) <= 0)) + 1):
+        if len(run) < 3:
+            continue
+        R, t = T_world_cam[run, :3, :3], T_world_cam[run, :3, 3]
+        v[run] = np.einsum("nji,nj->ni", R, CubicSpline(timestamps_s[run], t)(timestamps_s[run], 1))
+        w[run] = RotationSpline(timestamps_s[run], Rotation.from_matrix(R))(timestamps_s[run], 1)
+    return v, w
+
+
+@dataclass(frozen=True)
+class Flow:
+    """How the image of each measured point moves: px (k, 2) in px/s, and its depth: z (k,) in m/s."""
+
+    px: Floats
+    z: Floats
+
+
+def flow(measured: Measurements, depth_m: Floats, v: Floats, w: Floats, camera: Camera) -> Flow:
+    """Motion in the image of points at the measured pixels and depths (k,), for a camera with twists v, w (n, 3)."""
+    X = camera.backproject(measured.px_ideal, depth_m)
+    X_dot = -v[measured.frame] - np.cross(w[measured.frame], X)
+    px = np.stack(
+        [
+            camera.fx * (X_dot[:, 0] - X[:, 0] / X[:, 2] * X_dot[:, 2]) / X[:, 2],
+            camera.fy * (X_dot[:, 1] - X[:, 1] / X[:, 2] * X_dot[:, 2]) / X[:, 2],
+        ],
+        axis=1,
+    )
+    return Flow(px, X_dot[:, 2])
+
+
+def corrected(measured: Measurements, moving: Flow, timing: Timing) -> tuple[Floats, Floats]:
+    """Pixels (k, 2) and depths (k,) as if the whole frame had been taken at its colour stamp's middle row.
+
+    A depth taken d seconds late was read on the surface at the pixel the point had moved to, px + d flow, and has
+    changed by d z' itself: z(now) = z + d (slope . flow - z').
+    """
+    px = measured.px_ideal - (timing.readout_s * measured.row_share)[:, None] * moving.px
+    late = measured.stamp_lag_s + timing.lag_s
+    return px, measured.z_m + late * _depth_rate(measured, moving)
+
+
+def _depth_rate(measured: Measurements, moving: Flow) -> Floats:
+    return np.einsum("ki,ki->k", measured.slope, moving.px) - moving.z
+
+
+def slopes(
+    measured: Measurements,
+    moving: Flow,
+    residual_px: Floats,
+    residual_depth: Floats,
+    weight_px: Floats,
+    weight_depth: Floats,
+    sigma_px: float,
+    sigma_z_m: Floats,
+) -> tuple[Floats, Floats]:
+    """Derivatives (2,) of half the weighted sum of squares by readout_s and lag_s, and their curvatures (2,).
+
+    Residuals are predicted minus measured, in sigmas. At a minimum over poses and points the derivatives are total:
+    what those would gain by following vanishes to first order.
+    """
+    by_readout = moving.px * measured.row_share[:, None] / sigma_px
+    by_lag = np.where(np.isfinite(residual_depth), -_depth_rate(measured, moving) / sigma_z_m, 0.0)
+    r_z = np.nan_to_num(residual_depth)
+    gradient = np.array(
+        [
+            (weight_px[:, None] * np.nan_to_num(residual_px) * by_readout).sum(),
+            (weight_depth * r_z * by_lag).sum(),
+        ]
+    )
+    curvature = np.array([(weight_px[:, None] * by_readout**2).sum(), (weight_depth * by_lag**2).sum()])
+    return gradient, curvature
+
+
+def camera_depths(measured: Measurements, T_world_cam: Floats, points_world: Floats) -> Floats:
+    """Depth (k,) of each observation's point in its camera; the measured depth where the point is not known."""
+    X = points_world[measured.track]
+    T = se3.inverse(T_world_cam)[measured.frame]
+    z = np.einsum("ki,ki->k", T[:, 2, :3], X) + T[:, 2, 3]
+    usable = np.isfinite(z) & (z > 0.05)
+    return np.where(usable, z, np.where(np.isfinite(measured.z_m), measured.z_m, 2.0))
