@@ -118,19 +118,26 @@ def solver_rows(problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS))
 
 
 def draw_histograms(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """The paper's figure: how often a solver has how many real solutions."""
+    """The paper's figure, how often a solver has how many real solutions: one bar a solver, divided by their number."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    numbers = sorted({int(number) for row in rows for number in row["solutions_histogram"]})
+    colours = dict(zip(numbers, colormaps["viridis_r"](np.linspace(0.05, 0.95, len(numbers))), strict=True))
+    figure = Figure(figsize=(8, 0.8 + 0.42 * len(rows)), layout="constrained")
     axes = figure.add_subplot()
-    width = 0.8 / len(rows)
-    for k, row in enumerate(rows):
-        numbers = np.array([int(number) for number in row["solutions_histogram"]])
-        shares = np.array(list(row["solutions_histogram"].values())) / row["problems"]
-        axes.bar(numbers + (k - 0.5 * (len(rows) - 1)) * width, 100 * shares, width, label=row["solver"])
-    axes.set(xlabel="real solutions", ylabel="problems [%]")
-    axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_title(f"Number of solutions of {rows[0]['problems']} random problems a solver")
-    axes.legend()
+    for number in numbers:
+        shares = np.array([100 * row["solutions_histogram"].get(str(number), 0) / row["problems"] for row in rows])
+        left = [
+            sum(100 * n / row["problems"] for k, n in row["solutions_histogram"].items() if int(k) < number)
+            for row in rows
+        ]
+        bars = axes.barh([row["solver"] for row in rows], shares, left=left, color=colours[number], label=str(number))
+        dark = colours[number][:3].mean() < 0.5
+        labels = [f"{share:.3g} %" if share > 6 else "" for share in shares]
+        axes.bar_label(bars, labels, label_type="center", color="white" if dark else "black", fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 100), xlabel="problems [%]", title="Number of real solutions of exact random problems")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="solutions")
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=120)

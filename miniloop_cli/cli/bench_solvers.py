@@ -45,9 +45,9 @@ def bench_solvers(problems: int, output: Path | None, json_path: str | None, see
     options.write_rows(rows, output / "solvers.csv", json_path)
     draw_histograms(rows, output / "solvers.png")
     if json_path != "-":
-        click.echo("".join(f"{head:>12}" for head in COLUMNS.values()))
+        click.echo(" ".join(f"{head:>13}" for head in COLUMNS.values()))
         for row in rows:
-            click.echo("".join(f"{_text(row[key]):>12}" for key in COLUMNS))
+            click.echo(" ".join(f"{_text(row[key]):>13}" for key in COLUMNS))
     if not quiet:
         click.echo(f"Written: {output}/solvers.csv, {output}/solvers.png", err=True)
 
