@@ -10,13 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.averaging.elimination import apply, eliminate
+from miniloop_cli.averaging.elimination import Factor, apply, eliminate
 from miniloop_cli.averaging.graph import Floats, Ints, adjacency
 
-DENSE_SCANS = 300
-"""Up to here a dense Cholesky factorisation is fast enough, and nothing need be compiled."""
+DENSE_SCANS = 128
+"""Up to here a dense Cholesky factorisation is as fast, and nothing need be compiled."""
 
 CG_STEPS = 300
+
+STALE_STEPS = 20
+"""Steps with an old factor that cost about as much as a new one."""
 
 WEIGHT_RANGE = 1e10
 """Weights below the largest by more are raised to this, or the equations would lose their digits."""
@@ -34,6 +37,7 @@ class Differences:
         self.count, self.pairs = count, pairs
         if count > DENSE_SCANS:
             self.start, self.neighbour, self.edge = adjacency(count, pairs)
+            self.factor: Factor | None = None
             self.uniform = np.random.default_rng(0).random(99991)
 
     def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
@@ -62,9 +66,14 @@ class Differences:
         return x
 
     def _cg(self, weights: Floats, degree: Floats, b: Floats, tolerance: float) -> Floats:
-        factor = eliminate(self.count, self.pairs, weights, self.uniform)
+        """Preconditioned by the factor of earlier weights as long as that does, by one of these where it does not."""
         rows = self.start, self.neighbour, weights[self.edge]
-        return conjugate_gradients(*rows, degree, *factor, b, tolerance, CG_STEPS)
+        if self.factor is not None:
+            x, steps = conjugate_gradients(*rows, degree, *self.factor, b, tolerance, STALE_STEPS)
+            if steps < STALE_STEPS:
+                return x
+        self.factor = eliminate(self.count, self.pairs, weights, self.uniform)
+        return conjugate_gradients(*rows, degree, *self.factor, b, tolerance, CG_STEPS)[0]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -81,8 +90,8 @@ def conjugate_gradients(
     b: Floats,
     tolerance: float,
     most: int,
-) -> Floats:
-    """x (n, 3) with Laplacian x = b, each column on its own, preconditioned by the factor (order .. D)."""
+) -> tuple[Floats, int]:
+    """x (n, 3) with Laplacian x = b, each column on its own, preconditioned by the factor (order .. D); the steps."""
     n = len(b)
     x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3))
     p, Lp, room = np.zeros((n, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -101,7 +110,7 @@ def conjugate_gradients(
             done = done and new <= enough[c]
             alpha[c] = 0.0
         if done:
-            break
+            return x, step
         for v in range(n):
             for c in range(3):
                 p[v, c] = z[v, c] + beta[c] * p[v, c]
@@ -122,4 +131,4 @@ def conjugate_gradients(
             for c in range(3):
                 x[v, c] += alpha[c] * p[v, c]
                 r[v, c] -= alpha[c] * Lp[v, c]
-    return x
+    return x, most

@@ -25,7 +25,7 @@ Near = tuple[float, float]
 LEVELS = 8
 """Supports within a factor of two are one level; there, first come, first placed: shallow, so that drift is low."""
 
-LOOPS = 24
+LOOPS = 12
 """At most so many triangles of an edge are looked at."""
 
 

@@ -116,8 +116,12 @@ def _random_pairs(scans: int, edges: int, rng: np.random.Generator) -> Ints:
     order = rng.permutation(scans)
     parent = order[(rng.random(scans - 1) * np.arange(1, scans)).astype(np.int64)]
     codes = np.sort(np.column_stack([parent, order[1:]]), axis=1) @ [scans, 1]
+    dense = edges > scans * (scans - 1) // 8
     while len(codes) < edges:
-        more = rng.integers(0, scans, (2 * (edges - len(codes)) + 10, 2))
+        if dense:
+            more = rng.permutation(np.column_stack(np.triu_indices(scans, 1)))
+        else:
+            more = rng.integers(0, scans, (2 * (edges - len(codes)) + 10, 2))
         more = np.sort(more[more[:, 0] != more[:, 1]], axis=1) @ [scans, 1]
         codes = np.concatenate([codes, more])
         codes = codes[np.sort(np.unique(codes, return_index=True)[1])][:edges]
