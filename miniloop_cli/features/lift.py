@@ -63,8 +63,9 @@ def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: De
     fx, fy = (px - corner).T
     z = np.stack([depth_m[y, x], depth_m[y, x + 1], depth_m[y + 1, x], depth_m[y + 1, x + 1]], axis=1).astype(float)
     weight = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
+    z[~np.isfinite(z)] = 0
     near, far = z.min(axis=1), z.max(axis=1)
-    smooth = np.isfinite(far) & (near > 0) & (far - near <= settings.edge_ratio * near)
+    smooth = (near > 0) & (far - near <= settings.edge_ratio * near)
     value = np.einsum("ij,ij->i", np.where(smooth[:, None], z, 0), weight)
     usable = inside & smooth & (value >= settings.min_m) & (value <= settings.max_m)
     return np.where(usable, value, np.nan)
