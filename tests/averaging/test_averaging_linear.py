@@ -114,3 +114,15 @@ def extended(scans, pairs):
     """The same graph with a chain hung on, so that it is large."""
     chain = np.column_stack([np.arange(scans - 1, DENSE_SCANS), np.arange(scans, DENSE_SCANS + 1)])
     return np.concatenate([pairs, chain])
+
+
+def test_one_system_serves_weights_that_change_little_and_much():
+    """The preconditioner of earlier weights is kept while it serves; the solutions must not tell."""
+    scans = 800
+    pairs = graph_pairs("video", scans, 4000)
+    rng = np.random.default_rng(7)
+    kept, d, weights = Differences(scans, pairs), rng.standard_normal((4000, 3)), np.ones(4000)
+    for change in (0.0, 0.1, 0.1, 6.0, 0.5, 12.0):
+        weights = weights * 10 ** (change * rng.uniform(-0.5, 0.5, 4000))
+        fresh = Differences(scans, pairs).solve(weights, d, 1e-11)
+        np.testing.assert_allclose(kept.solve(weights, d, 1e-11), fresh, atol=1e-5 * np.abs(fresh).max())
