@@ -25,6 +25,7 @@ COMMANDS = {
     "eval": "miniloop_cli.cli.eval:evaluate",
     "export": "miniloop_cli.cli.export:export",
     "mesh": "miniloop_cli.cli.mesh:mesh",
+    "inspect": "miniloop_cli.cli.inspect:inspect",
     "simulate": "miniloop_cli.cli.simulate:simulate",
     "demo": "miniloop_cli.cli.demo:demo",
     "bench": "miniloop_cli.cli.bench:bench",

@@ -23,10 +23,10 @@ def matches(root: Path) -> bool:
 
 def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     """The sequence in `root`, paired by frame number. Raises InputError."""
-    frames, notes = pair_by_number(root, numbered_files(root, "rgb"), numbered_files(root, "depth"))
+    frames, notes, available = pair_by_number(root, numbered_files(root, "rgb"), numbered_files(root, "depth"))
     camera = given_camera(root, camera_path) or Camera(481.2, 480.0, 319.5, 239.5, 640, 480, 5000.0, source=SOURCE)
     truth = next(iter(sorted(root.glob("*.gt.freiburg"))), None)
-    return Sequence(root.name, root, camera, frames, truth, notes, "icl-nuim")
+    return Sequence(root.name, root, camera, frames, truth, notes, "icl-nuim", available)
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

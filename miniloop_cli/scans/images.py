@@ -63,8 +63,10 @@ def jpeg_header(data: bytes) -> tuple[Header, int]:
 
 
 def read_header(path: Path) -> Header:
-    """Kind and size of an image file from its first bytes, undecoded. Raises InputError for anything else."""
-    data = read_bytes(path, MAX_IMAGE_BYTES)
+    """Kind and size of an image file from its first bytes, undecoded. Raises InputError (reason only) otherwise."""
+    data = read_bytes(path, MAX_IMAGE_BYTES, first=64)
+    if data.startswith(JPEG_MAGIC):  # cameras put previews and profiles before the size
+        data = read_bytes(path, MAX_IMAGE_BYTES, first=1 << 20)
     try:
         return _checked_header(data)
     except ValueError as error:

@@ -44,8 +44,8 @@ def numbered_files(
 
 def pair_by_number(
     root: Path, color: Mapping[int, Path], depth: Mapping[int, Path], rate_hz: float = RATE_HZ
-) -> tuple[tuple[Frame, ...], tuple[str, ...]]:
-    """Frames that have both images, with stamps of `rate_hz` frames a second, and a note on those that do not.
+) -> tuple[tuple[Frame, ...], tuple[str, ...], tuple[int, int]]:
+    """Frames that have both images, with stamps of `rate_hz` frames a second, notes, and how many images there were.
 
     Raises InputError if there are none.
     """
@@ -55,7 +55,8 @@ def pair_by_number(
     notes = [f"frames have no stamps here: frame number / {rate_hz:g} s is used"]
     if len(numbers) < len(color.keys() | depth.keys()):
         notes.append(f"{len(numbers)} pairs from {len(color)} colour and {len(depth)} depth images")
-    return tuple(Frame(n / rate_hz, color[n], depth[n]) for n in numbers), tuple(notes)
+    frames = tuple(Frame(n / rate_hz, color[n], depth[n]) for n in numbers)
+    return frames, tuple(notes), (len(color), len(depth))
 
 
 def given_camera(root: Path, camera_path: Path | None) -> Camera | None:

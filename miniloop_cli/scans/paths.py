@@ -19,8 +19,8 @@ def shown(path: Path | str) -> str:
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
 
 
-def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES) -> bytes:
-    """The content of an ordinary file of at most `limit` bytes.
+def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES, first: int | None = None) -> bytes:
+    """The content of an ordinary file of at most `limit` bytes, or only its `first` bytes.
 
     Raises InputError for a missing, unreadable, oversized or special file (a pipe would block for ever).
     """
@@ -30,7 +30,8 @@ def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES) -> bytes:
             raise InputError(f"{shown(path)} {what}")
         if (size := path.stat().st_size) > limit:
             raise InputError(f"{shown(path)} has {size / 2**20:.0f} MB, more than the {limit / 2**20:g} MB allowed")
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return file.read() if first is None else file.read(first)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"cannot read {shown(path)}: {getattr(error, 'strerror', None) or error}") from error
 

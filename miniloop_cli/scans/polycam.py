@@ -40,7 +40,9 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     focal length strays.
     """
     color = numbered_files(root, "keyframes/images", rate_hz=STAMPS_HZ)
-    frames, notes = pair_by_number(root, color, numbered_files(root, "keyframes/depth", rate_hz=STAMPS_HZ), STAMPS_HZ)
+    frames, notes, available = pair_by_number(
+        root, color, numbered_files(root, "keyframes/depth", rate_hz=STAMPS_HZ), STAMPS_HZ
+    )
     camera = given_camera(root, camera_path)
     if camera is None:
         files = numbered_files(root, "keyframes/cameras", (".json",), STAMPS_HZ)
@@ -54,9 +56,8 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
         if stray > ZOOM_TOLERANCE:
             notes = (*notes, f"the focal length strays by up to {100 * stray:.1f} % from its median, which is used")
     truth = root / "keyframes" / "cameras"
-    return Sequence(
-        root.name, root, camera, frames, truth if truth.is_dir() else None, notes, "polycam", DepthFormat(resample=True)
-    )
+    given = truth if truth.is_dir() else None
+    return Sequence(root.name, root, camera, frames, given, notes, "polycam", available, DepthFormat(resample=True))
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

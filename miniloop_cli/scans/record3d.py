@@ -38,11 +38,11 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     depth = numbered_files(root, "depth", (".png",))
     if not depth and list_images(root, "depth", (".exr",)):
         raise InputError(f"{shown(root)}: {EXR}")
-    frames, notes = pair_by_number(root, numbered_files(root, "rgb"), depth)
+    frames, notes, available = pair_by_number(root, numbered_files(root, "rgb"), depth)
     camera = given_camera(root, camera_path) or _camera(root)
     metadata = root / "metadata.json"
     truth = metadata if metadata.exists() else None
-    return Sequence(root.name, root, camera, frames, truth, notes, "record3d", DepthFormat(resample=True))
+    return Sequence(root.name, root, camera, frames, truth, notes, "record3d", available, DepthFormat(resample=True))
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

@@ -39,9 +39,9 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     folder = _first(root, COLOR)
     if folder is None:
         raise InputError(f"{shown(root)}: no folder color/ or image/")
-    frames, notes = pair_by_number(root, numbered_files(root, folder.name), numbered_files(root, "depth"))
+    frames, notes, available = pair_by_number(root, numbered_files(root, folder.name), numbered_files(root, "depth"))
     camera = given_camera(root, camera_path) or _camera(root)
-    return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, "open3d")
+    return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, "open3d", available)
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

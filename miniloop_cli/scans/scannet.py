@@ -31,10 +31,10 @@ def matches(root: Path) -> bool:
 
 def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     """The sequence in `root`; depth of lower resolution than colour is taken to cover the same view. InputError."""
-    frames, notes = pair_by_number(root, numbered_files(root, "color"), numbered_files(root, "depth"))
+    frames, notes, available = pair_by_number(root, numbered_files(root, "color"), numbered_files(root, "depth"))
     camera = given_camera(root, camera_path) or _camera(root, frames)
     truth = root / "pose" if (root / "pose").is_dir() else None
-    return Sequence(root.name, root, camera, frames, truth, notes, "scannet", DepthFormat(resample=True))
+    return Sequence(root.name, root, camera, frames, truth, notes, "scannet", available, DepthFormat(resample=True))
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

@@ -61,4 +61,5 @@ class Sequence:
     ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
     notes: tuple[str, ...] = field(default=())  # what the reader dropped or assumed, for the log and the report
     layout: str = "tum"
+    available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()

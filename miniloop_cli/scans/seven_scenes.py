@@ -31,11 +31,11 @@ def matches(root: Path) -> bool:
 def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
     """The sequence in `root`. Raises InputError."""
     color = numbered_files(root, ".", (".color.png", ".color.jpg"))
-    frames, notes = pair_by_number(root, color, numbered_files(root, ".", (".depth.png",)))
+    frames, notes, available = pair_by_number(root, color, numbered_files(root, ".", (".depth.png",)))
     camera = given_camera(root, camera_path) or Camera(585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE)
     truth = root if any(root.glob("frame-*.pose.txt")) else None
     depth_format = DepthFormat(no_reading=65535)
-    return Sequence(root.name, root, camera, frames, truth, (*notes, UNREGISTERED), "7-scenes", depth_format)
+    return Sequence(root.name, root, camera, frames, truth, (*notes, UNREGISTERED), "7-scenes", available, depth_format)
 
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:

@@ -49,6 +49,7 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
         ground_truth_path=truth if truth.exists() else None,
         notes=tuple(notes),
         layout="tum",
+        available=(len(color), len(depth)),
     )
 
 

@@ -1,0 +1,55 @@
+"""`miniloop inspect SEQ`: what a recording is and what looks wrong, before any run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from miniloop_cli.cli import options
+from miniloop_cli.cli.main import CONTEXT
+
+if TYPE_CHECKING:
+    from miniloop_cli.inspection.findings import Finding
+
+
+@click.command(context_settings=CONTEXT)
+@click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
+@click.option(
+    "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
+)
+@click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
+@options.json_file
+@options.seed
+def inspect(sequence: Path, camera: Path | None, layout: str | None, json_path: str | None, seed: int) -> None:
+    """Look at a recording before any run: what was found, what looks wrong, and what to do about it.
+
+    Checks stamps, images, depth range, blur, exposure and features, and from a sample of frames whether the camera,
+    the depth scale and the registration of depth to colour are right.
+
+    \b
+    Example:   miniloop inspect rgbd_dataset_freiburg1_xyz
+    """
+    import numpy as np
+
+    from miniloop_cli.inspection.inspect import inspect as run
+    from miniloop_cli.inspection.text import describe
+    from miniloop_cli.scans import open_sequence
+
+    result = run(open_sequence(sequence, layout, camera), np.random.default_rng(seed))
+    if json_path:
+        options.write_json(json_path, result.as_json())
+    if json_path != "-":
+        for name, text in describe(result.numbers):
+            click.echo(f"{name:<13} {text}")
+        click.echo("")
+        for finding in result.findings:
+            _print(finding)
+        if not any(finding.level != "note" for finding in result.findings):
+            click.echo("Nothing looks wrong.")
+
+
+def _print(finding: Finding) -> None:
+    click.echo(f"{finding.level.upper()} ({finding.code}): {finding.message}")
+    click.echo(f"  -> {finding.advice}")

@@ -1,0 +1,238 @@
+"""What follows from the numbers of an inspection: one finding, one thing to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+LEVELS = ("problem", "warning", "note")
+Numbers = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`problem`: expect wrong or no poses; `warning`: expect less; `note`: good to know."""
+
+    level: str
+    code: str
+    message: str
+    advice: str
+
+
+def all_findings(numbers: Numbers) -> tuple[Finding, ...]:
+    """Every finding, gravest first. Numbers that could not be measured give none."""
+    found = [finding for check in CHECKS for finding in check(numbers)]
+    return tuple(sorted(found, key=lambda finding: LEVELS.index(finding.level)))
+
+
+def _broken(numbers: Numbers) -> Iterator[Finding]:
+    broken = numbers["broken"]
+    if broken:
+        share = len(broken) / numbers["frames"]
+        first = f"frame {broken[0]['frame']}: {broken[0]['reason']}"
+        yield Finding(
+            "problem" if share > 0.2 else "warning",
+            "broken-frames",
+            f"{len(broken)} of {numbers['frames']} frames cannot be used, the first: {first}",
+            "copy or convert them again; they are skipped and the rest is used",
+        )
+
+
+def _timing(numbers: Numbers) -> Iterator[Finding]:
+    timing = numbers["timing"]
+    if timing["paired"] < 0.9:
+        yield Finding(
+            "warning",
+            "association",
+            f"only {100 * timing['paired']:.0f} % of the images have a partner within 20 ms "
+            f"({timing['color_images']} colour, {timing['depth_images']} depth)",
+            "check that both tables are of this recording and on one clock; a constant offset can be added to one",
+        )
+    if timing["gaps"]:
+        longest = timing["gaps"][0]
+        yield Finding(
+            "warning",
+            "gaps",
+            f"{len(timing['gaps'])} gap(s) in time, the longest {longest['length_s']:.1f} s after frame "
+            f"{longest['after_frame']}",
+            "the parts are joined only if they see the same place; otherwise register them on their own",
+        )
+
+
+def _images(numbers: Numbers) -> Iterator[Finding]:
+    images = numbers.get("images")
+    if not images:
+        return
+    if images["holes"] > 0.6:
+        yield Finding(
+            "problem" if images["holes"] > 0.9 else "warning",
+            "holes",
+            f"{100 * images['holes']:.0f} % of the pixels have no depth",
+            "stay within the range of the sensor; avoid sunlight, glass and black or shiny surfaces",
+        )
+    if images["saturated"] > 0.25 or images["brightness"] > 220:
+        yield Finding(
+            "warning", "over-exposed", f"{100 * images['saturated']:.0f} % of the pixels are white",
+            "lower the exposure, or fix it before recording",
+        )  # fmt: skip
+    if images["brightness"] < 35 or images["dark"] > 0.6:
+        yield Finding(
+            "warning", "dark", f"the images are dark (mean grey level {images['brightness']:.0f} of 255)",
+            "add light or raise the exposure; try --set features.contrast=0.01",
+        )  # fmt: skip
+    if images["blurred"] > 0.3:
+        yield Finding(
+            "warning", "blur", f"{100 * images['blurred']:.0f} % of the frames are much less sharp than the others",
+            "move more slowly or shorten the exposure",
+        )  # fmt: skip
+    near, middle, _ = images["depth_m"]
+    if middle > 12 or 0 < middle < 0.35:
+        yield Finding(
+            "warning",
+            "depth-range",
+            f"the median depth is {middle:.2f} m (from {near:.2f} m on), unusual for such sensors",
+            f"check depth_scale, now {numbers['camera']['depth_scale']:g} units a metre (TUM 5000, millimetres 1000)",
+        )
+
+
+def _features(numbers: Numbers) -> Iterator[Finding]:
+    if "features" in numbers and numbers["features"]["with_depth"] < 150:
+        yield Finding(
+            "problem" if numbers["features"]["with_depth"] < 40 else "warning",
+            "few-features",
+            f"only {numbers['features']['with_depth']:.0f} features a frame have depth",
+            "give the scene texture (posters, newspapers) or light; try --set features.contrast=0.005",
+        )
+    pairs = numbers.get("pairs")
+    if pairs and numbers["frames"] > 1 and pairs["neighbours"] < 0.7:
+        yield Finding(
+            "problem" if pairs["neighbours"] < 0.3 else "warning",
+            "little-overlap",
+            f"{100 * (1 - pairs['neighbours']):.0f} % of the sampled frames do not match the frame after them",
+            "record more slowly or keep more frames; neighbours should share half of their view",
+        )
+    if pairs and pairs["count"] and pairs["flow_px"] < 2:
+        yield Finding(
+            "note", "still", f"the camera hardly moves ({pairs['flow_px']:.1f} px between the pairs looked at)",
+            "scale, focal length and registration of the depth cannot be judged without motion",
+        )  # fmt: skip
+
+
+def _registration(numbers: Numbers) -> Iterator[Finding]:
+    found = numbers.get("registration")
+    if not found:
+        return
+    explained = (numbers.get("explained") or {}).get("median")
+    kind, (x, y) = found["kind"], found["shift_px"]
+    register = "register depth to colour first (most drivers and Open3D can), with both cameras' calibration"
+    if kind == "shifted":
+        yield Finding(
+            "problem", "unregistered-depth",
+            f"depth lies off the colour image: it fits when moved by ({x}, {y}) px", register,
+        )  # fmt: skip
+    elif kind == "enlarged":
+        yield Finding(
+            "problem", "unregistered-depth",
+            f"depth and colour differ in scale: depth fits when enlarged by {found['factor']:.2f} and moved by "
+            f"({x}, {y}) px", register,
+        )  # fmt: skip
+    elif kind == "mirrored":
+        yield Finding(
+            "problem", "mirrored-depth", "depth is a mirror image of colour",
+            "flip the depth images (or the colour images) before use",
+        )  # fmt: skip
+    elif kind == "late":
+        n = found["frames"]
+        yield Finding(
+            "problem", "swapped-depth",
+            f"depth belongs to the colour image {abs(n)} frame(s) {'later' if n > 0 else 'earlier'}",
+            "correct the stamps of one of the tables by that time",
+        )  # fmt: skip
+    elif kind == "foreign":
+        certain = explained is None or explained < 0.7
+        yield Finding(
+            "problem" if certain else "warning", "swapped-depth",
+            "depth does not belong to the colour images: where depth jumps, colour does not change"
+            + (f", and it explains {100 * explained:.0f} % of the motion seen" if explained is not None else ""),
+            "check the pairing of the tables, swapped or mirrored files, and that depth is registered to colour",
+        )  # fmt: skip
+    elif kind == "unknown":
+        yield Finding(
+            "note", "registration-unknown", "whether depth is registered to colour cannot be seen: few depth edges",
+            "no need to act; a scene with things in front of others would show it",
+        )  # fmt: skip
+    odd = (numbers.get("explained") or {}).get("odd_frames") or []
+    if kind in ("registered", "unknown") and explained is not None:
+        if odd and explained > 0.6:
+            some = ", ".join(map(str, odd[:8])) + (", ..." if len(odd) > 8 else "")
+            yield Finding(
+                "warning", "swapped-depth", f"the depth of some frames does not fit their colour: {some}",
+                "look at these frames; are their depth images those of other frames?",
+            )  # fmt: skip
+        elif explained < 0.5 and not numbers.get("focal", {}).get("contradicts"):
+            yield Finding(
+                "problem", "inconsistent-depth",
+                f"depth explains only {100 * explained:.0f} % of the motion that colour shows",
+                "check that depth belongs to these images and is registered to them, and that little moves but the "
+                "camera",
+            )  # fmt: skip
+
+
+def _camera(numbers: Numbers) -> Iterator[Finding]:
+    source = numbers["camera"]["source"]
+    if "default" in source and "7-Scenes" not in source:
+        yield Finding(
+            "warning", "camera-unknown", f"the camera is a guess: {source}",
+            "calibrate it and pass --camera FILE (docs/recordings.md); nothing gains more accuracy",
+        )  # fmt: skip
+    sound = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
+    focal = numbers.get("focal", {})
+    if sound and focal.get("contradicts"):
+        yield Finding(
+            "problem", "wrong-camera",
+            f"the scans fit a focal length of {focal['px']:.0f} px "
+            f"({focal['low_px']:.0f} to {focal['high_px']:.0f}), not {numbers['camera']['fx']:.0f} px",
+            "use the calibration of this camera at this image size (--camera FILE)",
+        )  # fmt: skip
+
+
+def _depth_scale(numbers: Numbers) -> Iterator[Finding]:
+    scale = numbers["camera"]["depth_scale"]
+    truth, disparity = numbers.get("truth", {}), numbers.get("disparity", {})
+    if "problem" in truth:
+        yield Finding(
+            "warning", "ground-truth", f"the ground truth cannot be read: {truth['problem']}",
+            "registration does not need it; `miniloop eval` does",
+        )  # fmt: skip
+    registered = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
+    if (
+        registered
+        and truth.get("pairs", 0) >= 5
+        and _off(truth["factor"])
+        and (truth["low"] > 1.04 or truth["high"] < 0.96)
+    ):
+        yield Finding(
+            "problem", "depth-scale",
+            f"distances come out {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
+            f"depth_scale should be about {scale * truth['factor']:.0f} instead of {scale:g} units a metre",
+        )  # fmt: skip
+    elif disparity.get("clarity", 0) > 0.5 and _off(disparity["factor"]) and _plausible(disparity["factor"]):
+        factor = disparity["factor"]
+        yield Finding(
+            "problem" if not 1 / 1.7 < factor < 1.7 else "warning", "depth-scale",
+            f"depth seems {factor:.2f} times too large: its steps are those of a Kinect or Xtion at another scale",
+            f"if it is such a sensor, depth_scale should be about {scale * factor:.0f} instead of {scale:g}",
+        )  # fmt: skip
+
+
+def _off(factor: float) -> bool:
+    return not 1 / 1.1 < factor < 1.1
+
+
+def _plausible(factor: float) -> bool:
+    """Other sensors have other steps; only a small error and the mix-up of 5000 and 1000 units are believed."""
+    return 1 / 1.7 < factor < 1.7 or 4.5 < factor < 5.5 or 4.5 < 1 / factor < 5.5
+
+
+CHECKS = (_broken, _timing, _images, _features, _registration, _camera, _depth_scale)

@@ -1,0 +1,185 @@
+"""Measure a recording: every number that the findings rest on, from a sample of frames and pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.inspection import findings, registration
+from miniloop_cli.inspection.findings import Finding
+from miniloop_cli.inspection.images import frame_numbers
+from miniloop_cli.inspection.pairs import FeatureCache, MatchedPair, match_frames, matched_pairs, resection
+from miniloop_cli.inspection.scale import KINECT_STEP_PER_M, disparity_step, fit_focal, scale_against_truth
+from miniloop_cli.inspection.timing import timing
+from miniloop_cli.scans import read_ground_truth, read_scan
+from miniloop_cli.scans.images import read_header
+from miniloop_cli.scans.paths import shown
+from miniloop_cli.scans.sequence import Scan, Sequence
+
+SAMPLE, ANCHORS, MAX_FITTED = 24, 16, 30
+ODD = 0.6  # of the usual share: a frame whose depth explains less is odd
+Reader = Callable[[Sequence, int], Scan]
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was measured (JSON-able) and what follows from it, gravest first."""
+
+    numbers: dict[str, Any]
+    findings: tuple[Finding, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Numbers and findings in one object."""
+        return self.numbers | {"findings": [asdict(finding) for finding in self.findings]}
+
+
+def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Inspection:
+    """Look at a recording: all stamps and image headers, a sample of about 24 frames and 30 pairs."""
+    numbers: dict[str, Any] = {
+        "sequence": shown(sequence.name),
+        "layout": sequence.layout,
+        "frames": len(sequence.frames),
+        "camera": asdict(sequence.camera) | {"distortion": list(sequence.camera.distortion)},
+        "notes": list(sequence.notes),
+        "timing": timing(sequence),
+    }
+    broken = _broken_headers(sequence)
+    sample: dict[int, Scan] = {}
+    for index in np.unique(np.linspace(0, len(sequence.frames) - 1, SAMPLE).round().astype(int)).tolist():
+        try:
+            sample[index] = read(sequence, index)
+        except InputError as error:
+            broken[index] = str(error)
+    numbers["broken"] = [{"frame": index, "reason": reason} for index, reason in sorted(broken.items())]
+    numbers["sampled"] = len(sample)
+    if sample:
+        numbers["images"] = _images(sample)
+        numbers["registration"] = _registration(sequence, sample, read)
+        numbers |= _geometry(sequence, sample, rng, read)
+    return Inspection(numbers, findings.all_findings(numbers))
+
+
+def _broken_headers(sequence: Sequence) -> dict[int, str]:
+    """Frames whose images are missing, of the wrong kind or of the wrong size, from the headers of all of them."""
+    size, broken = (sequence.camera.width, sequence.camera.height), {}
+    for index, frame in enumerate(sequence.frames):
+        try:
+            color, depth = read_header(frame.color_path), read_header(frame.depth_path)
+        except InputError as error:
+            broken[index] = str(error)
+            continue
+        if (color.width, color.height) != size:
+            broken[index] = f"colour is a {color}, the camera is for {size[0]} x {size[1]}"
+        elif (depth.kind, depth.bits, depth.color_type) != ("PNG", 16, 0):
+            broken[index] = f"depth must be a 16-bit 1-channel PNG, this is a {depth}"
+        elif not sequence.depth_format.resample and (depth.width, depth.height) != size:
+            broken[index] = f"depth is a {depth}, the camera is for {size[0]} x {size[1]}"
+    return broken
+
+
+def _images(sample: dict[int, Scan]) -> dict[str, Any]:
+    each = [frame_numbers(scan) for scan in sample.values()]
+    sharpness = np.array([frame.sharpness for frame in each])
+    return {
+        "holes": float(np.median([frame.holes for frame in each])),
+        "depth_m": np.median([frame.depth_m for frame in each], axis=0).tolist(),
+        "blurred": float((sharpness < 0.5 * np.quantile(sharpness, 0.75)).mean()),
+        "brightness": float(np.median([frame.brightness for frame in each])),
+        "saturated": float(np.median([frame.saturated for frame in each])),
+        "dark": float(np.median([frame.dark for frame in each])),
+    }
+
+
+def _registration(sequence: Sequence, sample: dict[int, Scan], read: Reader) -> dict[str, Any]:
+    indices = list(sample)
+    color = [registration.color_edges(scan.color) for scan in sample.values()]
+    depth = [registration.depth_edges(scan.depth_m) for scan in sample.values()]
+
+    def color_behind(lag: int) -> list[tuple[int, np.ndarray]]:
+        found = []
+        for k, index in list(enumerate(indices))[::2]:
+            if 0 <= index + lag < len(sequence.frames):
+                try:
+                    found.append((k, registration.color_edges(read(sequence, index + lag).color)))
+                except InputError:
+                    continue
+        return found
+
+    verdict = registration.diagnose(color, depth, color_behind)
+    return asdict(verdict.agreement) | {
+        "kind": verdict.kind,
+        "shift_px": list(verdict.shift_px),
+        "factor": verdict.factor,
+        "frames": verdict.frames,
+    }
+
+
+def _geometry(sequence: Sequence, sample: dict[int, Scan], rng: Generator, read: Reader) -> dict[str, Any]:
+    camera = sequence.camera
+    cache = FeatureCache(lambda index: sample[index] if index in sample else read(sequence, index), camera)
+    anchors = 2 * ANCHORS if len(sequence.frames) <= 3 * ANCHORS else ANCHORS
+    pairs = matched_pairs(cache, len(sequence.frames), anchors)
+    found = [features for features in cache.found.values() if features]
+    numbers: dict[str, Any] = {
+        "features": {
+            "median": float(np.median([len(f) for f, _ in found])) if found else 0.0,
+            "with_depth": float(np.median([f.with_depth for f, _ in found])) if found else 0.0,
+        },
+        "pairs": {
+            "count": len(pairs),
+            "matches": float(np.median([len(p.px_i) for p in pairs])) if pairs else 0.0,
+            "flow_px": float(np.median([p.flow_px for p in pairs])) if pairs else 0.0,
+            "neighbours": len({pair.i for pair in pairs}) / max(min(anchors, len(sequence.frames) - 1), 1),
+        },
+        "explained": _explained(sequence, cache, pairs),
+    }
+    moving = [pair for pair in pairs if pair.flow_px > 0.02 * camera.width]
+    focal = fit_focal(moving[:: len(moving) // MAX_FITTED + 1], camera, rng)
+    if focal:
+        px = camera.fx * np.array([focal.factor, focal.low, focal.high])
+        numbers["focal"] = {"factor": focal.factor, "gain": focal.gain, "contradicts": focal.contradicts}
+        numbers["focal"] |= dict(zip(("px", "low_px", "high_px"), px.tolist(), strict=True))
+    step, clarity = disparity_step([scan.depth_m for scan in sample.values()])
+    numbers["disparity"] = {"step_per_m": step, "clarity": clarity, "factor": KINECT_STEP_PER_M / step if step else 0.0}
+    try:
+        truth = read_ground_truth(sequence) if focal else None
+    except InputError as error:
+        numbers["truth"] = {"problem": str(error)}
+        return numbers
+    if truth and focal:
+        stamps = [frame.timestamp_s for frame in sequence.frames]
+        low, middle, high, count = scale_against_truth(focal, stamps, truth)
+        if count:
+            numbers["truth"] = {"factor": middle, "low": low, "high": high, "pairs": count}
+    return numbers
+
+
+def _explained(sequence: Sequence, cache: FeatureCache, pairs: list[MatchedPair]) -> dict[str, Any]:
+    """How large a share of what colour sees as one motion the depth of a frame explains, and where it does not.
+
+    A frame that stands out after one look gets more looks, at its neighbours, before it is named.
+    """
+    shares: dict[int, list[float]] = {}
+
+    def add(pair: MatchedPair | None) -> None:
+        share = resection(pair, sequence.camera)[1] if pair else float("nan")
+        if pair and np.isfinite(share):
+            shares.setdefault(pair.i, []).append(share)
+
+    for pair in pairs:
+        add(pair)
+        add(pair.reversed())
+    if not shares:
+        return {"median": None, "odd_frames": []}
+    middle = float(np.median([np.median(values) for values in shares.values()]))
+    for index in [index for index, values in shares.items() if np.median(values) < ODD * middle]:
+        for other in (index - 2, index - 1, index + 1, index + 2):
+            if 0 <= other < len(sequence.frames):
+                add(match_frames(cache, index, other))
+    odd = [i for i, values in sorted(shares.items()) if len(values) > 1 and np.median(values) < ODD * middle]
+    return {"median": middle, "odd_frames": odd}
