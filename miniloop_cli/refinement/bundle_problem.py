@@ -93,12 +93,12 @@ class Bundle:
         add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
         self._mirror(B)
         add_edges(self.edges, self._block, self.R, self.t, 0.0, B, np.zeros((len(self.R), 6)))
-        n, d = len(self.R), np.arange(6)
-        tie = _TIE * H[:n, d, d]
-        H[:n, d, d] += tie
-        B[:n, d, d] += tie
-        system = BlockSystem(held, self.pairs)
-        step = 1e-3 / np.max(B[:n, d, d][~held] / H[:n, d, d][~held], initial=1e-12)
+        free, d = np.flatnonzero(~held)[:, None], np.arange(6)
+        ratio = np.max(B[free, d, d] / H[free, d, d], initial=1e-12)
+        tie = _TIE * H[free, d, d]
+        H[free, d, d] += tie
+        B[free, d, d] += ratio * tie
+        system, step = BlockSystem(held, self.pairs), 1e-3 / ratio
         return (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
 
     def _spread(self, kernel: Kernel, scale_px: float, scale_depth: float, pose_freedoms: int) -> tuple[Model, Model]:

@@ -49,9 +49,13 @@ def make_edges(count: int, pairs: ArrayLike, T_j_i: Array, information: Array, k
         raise ValueError(f"{len(pairs)} pairs, {len(T)} relative poses, {len(L)} information matrices: not one a row")
     if not (np.isfinite(T).all() and np.isfinite(L).all()):
         raise ValueError("relative poses and information matrices must be finite")
+    L = (L + L.transpose(0, 2, 1)) / 2
+    eigenvalues = np.linalg.eigvalsh(L)
+    if np.any(eigenvalues[:, 0] < -1e-9 * eigenvalues[:, -1]):
+        raise ValueError(f"the information of edge {int(np.argmin(eigenvalues[:, 0]))} has a negative eigenvalue")
     i, j = np.ascontiguousarray(pairs.T)
     R, t = np.ascontiguousarray(project_so3(T[:, :3, :3])), np.ascontiguousarray(T[:, :3, 3])
-    return Edges(i, j, R, t, (L + L.transpose(0, 2, 1)) / 2, KERNELS[kernel], float(scale**2))
+    return Edges(i, j, R, t, L, KERNELS[kernel], float(scale**2))
 
 
 @njit(cache=True, nogil=True)

@@ -38,8 +38,8 @@ class PoseGraphResult:
 
     covariance (n, 6, 6), None if not asked for: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
     fixed frame, which has zero; infinite for frames not connected to it. It is that of the model, times
-    `variance_factor` where this exceeds 1: how much larger the weighted residuals are than the information matrices
-    promise (1 where there are no loops to tell).
+    `variance_factor` where this exceeds 1: how much larger the residuals are than the information matrices promise
+    (1 where there are no loops to tell).
     """
 
     T_world_cam: Array
@@ -75,15 +75,22 @@ def refine_pose_graph(
     anchor = anchor_of(len(T), edges.pairs, settings.fixed_frame)
     refined = pose(problem.R, problem.t + problem.origin)
     refined = restoring_motion(T, refined, anchor) @ refined
-    gain, mean_square = noise_gain(settings.kernel, settings.scale, 6)
-    redundancy = 6 * (len(edges.i) - len(T) + len(np.unique(anchor)))
-    factor = float(weights @ chi2 / (redundancy * mean_square)) if redundancy else 1.0
+    is_anchor = anchor == np.arange(len(T))
+    factor = _variance_factor(chi2, 6 * (len(chi2) - np.count_nonzero(~is_anchor)))
     covariance = None
     if settings.covariance:
-        is_anchor = anchor == np.arange(len(T))
+        gain = noise_gain(settings.kernel, settings.scale, 6)
         marginals = BlockSystem(is_anchor, edges.pairs).marginals(problem.hessian(0.0)[0])
         covariance = with_untied(gain * max(factor, 1.0) * marginals, anchor, settings.fixed_frame)
     return PoseGraphResult(refined, covariance, chi2, weights, factor, descent)
+
+
+def _variance_factor(chi2: Array, redundancy: int) -> float:
+    """How much larger than promised residuals are, by their median (chi-square of 6 degrees of freedom has 5.348).
+
+    The median, so that wrong edges do not count as noise; fitting has shrunk it by the share of the poses.
+    """
+    return float(np.median(chi2)) / 5.348 * 6 * len(chi2) / redundancy if redundancy else 1.0
 
 
 class _PoseGraph:

@@ -38,15 +38,13 @@ def weight_and_curvature(kernel: Kernel, s: Array, scale: float, dimension: int)
     return q**power, q**power * (1 - 2 * power * (1 - q) / dimension)
 
 
-def noise_gain(kernel: Kernel, scale: float, dimension: int) -> tuple[float, float]:
-    """Of Gaussian residuals of unit variance, what noise does to the minimum.
+def noise_gain(kernel: Kernel, scale: float, dimension: int) -> float:
+    """What the inverse of the weighted Hessian must be multiplied with to be the covariance of the minimum.
 
-    E[w] E[w^2 s] / (d E[curvature]^2): times the inverse of the weighted Hessian it is the covariance of the minimum.
-    E[w s] / d: the mean weighted square of a residual.
+    E[w] E[w^2 s] / (d E[curvature]^2), for Gaussian residuals of `dimension` d and unit variance.
     """
     s = np.linspace(0, 60 + 10 * dimension, 200_001)[1:]
     density = s ** (dimension / 2 - 1) * np.exp(-s / 2)
     density /= density.sum()
     w, h = weight_and_curvature(kernel, s, scale, dimension)
-    gain = (density @ w) * (density @ (w * w * s)) / (dimension * (density @ h) ** 2)
-    return float(gain), float(density @ (w * s) / dimension)
+    return float((density @ w) * (density @ (w * w * s)) / (dimension * (density @ h) ** 2))

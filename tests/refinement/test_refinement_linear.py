@@ -1,0 +1,69 @@
+"""The block system against dense linear algebra."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import miniloop_cli.refinement.block_system as block_system
+from miniloop_cli.refinement.block_system import BlockSystem
+
+
+def random_system(rng, n, m, held_share=0.0):
+    """A positive definite block matrix over random pairs, dense and as blocks."""
+    pairs = rng.integers(0, n, (m, 2))
+    held = rng.random(n) < held_share
+    system = BlockSystem(held, pairs)
+    M = np.zeros((n, 6, n, 6))
+    for i, j in pairs:
+        J = rng.standard_normal((6, 12))
+        J[:, 6:] *= i != j
+        H = (J.T @ J).reshape(2, 6, 2, 6)
+        for a, x in enumerate((i, j)):
+            for b, y in enumerate((i, j)):
+                M[x, :, y, :] += H[a, :, b, :]
+    M[np.arange(n), :, np.arange(n), :] += 0.1 * np.eye(6)
+    return system, held, M, np.ascontiguousarray(M[system.rows, :, system.cols, :])
+
+
+@pytest.mark.parametrize("dense_up_to", [0, 10**6])
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(0, 80), st.sampled_from([0.0, 0.2]))
+def test_solutions_and_marginals_are_those_of_numpy(dense_up_to, seed, n, m, held_share):
+    rng = np.random.default_rng(seed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(block_system, "_DENSE_UP_TO", dense_up_to)
+        patch.setattr(block_system, "_DENSE_SHARE", 9.0 if dense_up_to == 0 else 0.0)
+        system, held, M, blocks = random_system(rng, n, m, held_share)
+        assert system._is_dense == (len(system.free) <= dense_up_to)
+        right = rng.standard_normal((n, 6))
+        x, Z = system.solve(blocks, right), system.marginals(blocks)
+    free = np.flatnonzero(~held)
+    inner = M[free][:, :, free].reshape(6 * len(free), 6 * len(free))
+    expected = np.zeros((n, 6))
+    expected[free] = np.linalg.solve(inner, right[free].ravel()).reshape(-1, 6)
+    np.testing.assert_allclose(x, expected, rtol=1e-7, atol=1e-9)
+    inverse = np.linalg.inv(inner).reshape(len(free), 6, len(free), 6)
+    np.testing.assert_allclose(Z[free], inverse[np.arange(len(free)), :, np.arange(len(free))], rtol=1e-7, atol=1e-9)
+    assert not Z[held].any()
+
+
+def test_block_numbers_in_either_order():
+    system = BlockSystem(np.zeros(4, bool), np.array([[2, 0], [1, 3], [0, 2], [3, 3]]))
+    assert list(zip(system.rows.tolist(), system.cols.tolist(), strict=True)) == [
+        (0, 0), (1, 1), (2, 2), (3, 3), (0, 2), (1, 3)
+    ]  # fmt: skip
+    assert system.block_of(np.array([2, 3]), np.array([0, 1])).tolist() == [4, 5]
+    assert system.table()[0, 2] == 4
+    assert system.table()[3, 3] == 3
+
+
+@pytest.mark.parametrize("n", [5, 400])
+def test_says_when_not_positive_definite(n):
+    pairs = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    system = BlockSystem(np.zeros(n, bool), pairs)
+    blocks = np.zeros((len(system), 6, 6))
+    blocks[:n] = np.eye(6)
+    blocks[n:] = -np.eye(6)  # a chain's matrix with diagonal 1 instead of 2
+    with pytest.raises(np.linalg.LinAlgError):
+        system.solve(blocks, np.ones((n, 6)))
