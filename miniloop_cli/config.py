@@ -49,7 +49,11 @@ class Matching(Section):
     look_count: int = Field(500, ge=16, description="auto: strongest features of a scan in the first look.")
     look_min: int = Field(4, ge=0, description="auto: a look with fewer consistent matches rules the pair out.")
     look_enough: int = Field(15, ge=0, description="auto: a look with as many needs no full comparison.")
-    neighbours: int = Field(10, ge=1, description="sequential: frames after each frame that it is compared with.")
+    all_up_to: int = Field(
+        400, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
+    )
+    similar: int = Field(40, ge=1, description="auto, beyond all_up_to: scans that look most alike, per scan.")
+    neighbours: int = Field(10, ge=1, description="sequential, and beyond all_up_to: frames after each frame.")
     min_matches: int = Field(12, ge=3, description="T of the paper: an edge of the graph needs this many matches.")
 
 

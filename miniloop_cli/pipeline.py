@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -14,13 +15,14 @@ from numpy.typing import NDArray
 from miniloop_cli.artefacts import Store, fingerprint
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import RegistrationError
-from miniloop_cli.features.detect import comparable
+from miniloop_cli.features.detect import compact, comparable
 from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.features.lift import ScanFeatures
-from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progressively
+from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progressively, retrieved_pairs
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
+from miniloop_cli.graph.retrieval import STRONGEST, around
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, average
 from miniloop_cli.refine import Scans, refine
@@ -74,8 +76,7 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
     with watch.stage("matching"):
         points = [scan_points(found, sequence.camera) for found in features]
         matches_key = fingerprint(features_key, settings.matching.model_dump())
-        pairs = listed_pairs(count, settings.matching.pairs, settings.matching)
-        matches = matches_by_chunk(pairs, matches_key, store, _matcher(features, points, settings, workers))
+        matches = _match(features, points, settings, matches_key, store, workers)
     with watch.stage("edges"):
         solving = [settings.ransac, settings.verification, settings.cycles]
         edges_key = fingerprint(matches_key, [section.model_dump() for section in solving], seed)
@@ -96,14 +97,31 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
     )
 
 
-def _matcher(
-    features: list[ScanFeatures], points: list[ScanPoints], settings: Settings, workers: Workers
-) -> Callable[[list[Pair]], Matches]:
-    """How a list of pairs is matched under these settings."""
-    descriptors = [comparable(scan.descriptors[: scan.with_depth], settings.features.type) for scan in features]
-    if settings.matching.pairs == "auto":
-        return lambda pairs: match_progressively(descriptors, points, pairs, settings.matching, workers)
-    return lambda pairs: match_fully(descriptors, pairs, settings.matching, workers)
+def _match(
+    features: list[ScanFeatures],
+    points: list[ScanPoints],
+    settings: Settings,
+    key: str,
+    store: Store,
+    workers: Workers,
+) -> Matches:
+    """Matches of the pairs that the settings name; of a long recording first those retrieved, then around its loops."""
+    matching, kind = settings.matching, settings.features.type
+    strongest = [comparable(scan.descriptors[: min(scan.with_depth, matching.count)], kind) for scan in features]
+
+    def compare(pairs: Many[Pair]) -> Matches:
+        if matching.pairs == "auto":
+            return match_progressively(strongest, points, pairs, matching, workers)
+        return match_fully(strongest, pairs, matching, workers)
+
+    if matching.pairs != "auto" or len(features) <= matching.all_up_to:
+        return matches_by_chunk(listed_pairs(len(features), matching.pairs, matching), key, store, compare)
+    small = [compact(scan.descriptors[:STRONGEST], kind)[0] for scan in features]
+    pairs = retrieved_pairs(small, matching, np.random.default_rng(0))
+    found = matches_by_chunk(pairs, key, store, compare)
+    loops = [(i, j) for i, j in found if j - i > matching.neighbours]
+    more = sorted(around(loops, len(features)) - set(pairs))
+    return found | matches_by_chunk(more, key, store, compare)
 
 
 def _why_nothing(scans: list[ExtractedScan], edges: list[Edge], settings: Settings) -> str:

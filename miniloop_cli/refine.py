@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.config import Settings
-from miniloop_cli.features.detect import comparable
+from miniloop_cli.features.detect import compact
 from miniloop_cli.features.guided import guided_match
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
@@ -103,15 +103,15 @@ def guided_matches(
     T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Settings, workers: Workers
 ) -> list[NDArray[np.int64]]:
     """Matches of each pair where its poses say they must be; features without depth take part."""
-    descriptors = [comparable(found.descriptors, settings.features.type) for found in scans.features]
+    small = [compact(found.descriptors, settings.features.type) for found in scans.features]
     bundle = settings.bundle
 
     def one(pair: Pair) -> NDArray[np.int64]:
         i, j = pair
         T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
         return guided_match(
-            scans.features[i], scans.features[j], descriptors[i], descriptors[j], T_j_i, scans.camera,
-            bundle.radius_px, bundle.max_distance2,
+            scans.features[i], scans.features[j], small[i][0], small[j][0], T_j_i, scans.camera,
+            bundle.radius_px, bundle.max_distance2 * small[i][1],
         )  # fmt: skip
 
     return list(workers.map(one, pairs, "matching, guided", len(pairs)))

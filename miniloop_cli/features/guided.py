@@ -21,8 +21,8 @@ CELL_PX = 16.0
 def guided_match(
     a: ScanFeatures,
     b: ScanFeatures,
-    descriptors_a: NDArray[np.float32],
-    descriptors_b: NDArray[np.float32],
+    descriptors_a: NDArray[np.uint8],
+    descriptors_b: NDArray[np.uint8],
     T_b_a: Floats,
     camera: Camera,
     radius_px: float,
@@ -32,8 +32,8 @@ def guided_match(
 
     Each feature of a with depth is projected into b and compared with the features within `radius_px`; where both
     have a depth, the depths must agree within 3 sigma and 5 %. The best candidate must be nearer than
-    `max_distance2` (squared descriptor distance). The same from b to a; a pair is kept if one direction found it and
-    nothing contradicts it.
+    `max_distance2` (squared distance of the compact descriptors). The same from b to a; a pair is kept if one
+    direction found it and nothing contradicts it.
     """
     T_a_b = np.linalg.inv(T_b_a)
     forward = _direction(a, b, descriptors_a, descriptors_b, T_b_a, camera, radius_px, max_distance2)
@@ -44,8 +44,8 @@ def guided_match(
 def _direction(
     a: ScanFeatures,
     b: ScanFeatures,
-    descriptors_a: NDArray[np.float32],
-    descriptors_b: NDArray[np.float32],
+    descriptors_a: NDArray[np.uint8],
+    descriptors_b: NDArray[np.uint8],
     T_b_a: Floats,
     camera: Camera,
     radius_px: float,
@@ -78,10 +78,10 @@ def search_windows(
     px: Floats,
     z_m: Floats,
     tolerance_m: Floats,
-    descriptors_a: NDArray[np.float32],
+    descriptors_a: NDArray[np.uint8],
     px_b: Floats,
     z_b: Floats,
-    descriptors_b: NDArray[np.float32],
+    descriptors_b: NDArray[np.uint8],
     order: Ints,
     start: Ints,
     columns: int,
@@ -97,7 +97,7 @@ def search_windows(
         top, bottom = int(np.floor((v - radius_px) / CELL_PX)), int(np.floor((v + radius_px) / CELL_PX))
         if right < 0 or bottom < 0 or left >= columns or top >= rows:
             continue
-        best, which = np.float32(max_distance2), -1
+        best, which = max_distance2, -1
         for row in range(max(top, 0), min(bottom, rows - 1) + 1):
             first = start[row * columns + max(left, 0)]
             last = start[row * columns + min(right, columns - 1) + 1]
@@ -107,9 +107,9 @@ def search_windows(
                     continue
                 if abs(z_b[b] - z_m[k]) > tolerance_m[k]:
                     continue
-                distance = np.float32(0)
+                distance = np.int32(0)
                 for d in range(descriptors_a.shape[1]):
-                    difference = descriptors_a[k, d] - descriptors_b[b, d]
+                    difference = np.int32(descriptors_a[k, d]) - np.int32(descriptors_b[b, d])
                     distance += difference * difference
                 if distance < best:
                     best, which = distance, b

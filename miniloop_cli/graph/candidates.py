@@ -17,6 +17,7 @@ from miniloop_cli.config import Matching
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.match import match
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent
+from miniloop_cli.graph.retrieval import image_vectors, similar_pairs
 from miniloop_cli.parallel import Workers
 
 Descriptors = Sequence[NDArray]
@@ -25,14 +26,14 @@ LOOK_THRESHOLD_M = 0.04  # tighter than the estimator's: a few chance matches mu
 
 
 def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
-    """The pairs that are compared at all: "auto" and "exhaustive" every pair, "sequential" near frames, or a file.
+    """The pairs that a source names: "auto" and "exhaustive" every pair, "sequential" near frames, or a file.
 
     A file has lines "i j" of frame numbers; # starts a comment. Raises InputError naming the line that does not fit.
     """
     if source in ("auto", "exhaustive"):
         return list(combinations(range(count), 2))
     if source == "sequential":
-        return [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + settings.neighbours, count))]
+        return neighbours(count, settings.neighbours)
     path = Path(source)
     if not path.is_file():
         raise InputError(f"--pairs {source}: give auto, exhaustive, sequential or a file of lines 'i j'")
@@ -47,6 +48,17 @@ def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
         if i != j:
             found.add((i, j))
     return sorted(found)
+
+
+def neighbours(count: int, most: int) -> list[Pair]:
+    """Each frame with the `most` frames after it."""
+    return [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + most, count))]
+
+
+def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Generator) -> list[Pair]:
+    """Frames that are near in time or look alike: the candidates of long recordings."""
+    alike = similar_pairs(image_vectors(compact, rng), settings.similar)
+    return sorted({*neighbours(len(compact), settings.neighbours), *alike})
 
 
 def match_progressively(

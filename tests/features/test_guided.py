@@ -7,6 +7,7 @@ from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.camera import Camera
 
+NEAR2 = 32 * 40.0**2  # unrelated bytes are about 100 apart
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
 
 
@@ -15,8 +16,7 @@ def two_scans(rng, count=200, no_depth=0):
     T_b_a = se3.pose(se3.exp_so3(np.array([0.05, -0.1, 0.02])), np.array([0.1, -0.05, 0.08]))
     p_a = CAMERA.backproject(rng.uniform((60, 60), (580, 420), (count, 2)), rng.uniform(1, 3, count))
     p_b = se3.transform(T_b_a, p_a)
-    descriptors = rng.normal(size=(count, 32)).astype(np.float32)
-    descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
+    descriptors = rng.integers(0, 256, (count, 32), dtype=np.uint8)
     scans = []
     for p in (p_a, p_b):
         px, z = CAMERA.project(p), p[:, 2].copy()
@@ -28,7 +28,7 @@ def two_scans(rng, count=200, no_depth=0):
 
 def test_every_point_is_found_where_it_must_be_also_without_depth_in_one_scan():
     (a, b), descriptors, T_b_a = two_scans(np.random.default_rng(0), no_depth=50)
-    found = guided_match(a, b, descriptors, descriptors, T_b_a, CAMERA, 4.0, 0.3)
+    found = guided_match(a, b, descriptors, descriptors, T_b_a, CAMERA, 4.0, NEAR2)
     assert np.array_equal(found, np.stack([np.arange(200)] * 2, axis=1))
 
 
@@ -36,8 +36,8 @@ def test_a_wrong_pose_finds_nothing_and_a_descriptor_too_far_neither():
     (a, b), descriptors, T_b_a = two_scans(np.random.default_rng(1))
     wrong = T_b_a.copy()
     wrong[0, 3] += 0.5
-    assert len(guided_match(a, b, descriptors, descriptors, wrong, CAMERA, 4.0, 0.3)) < 5
-    assert len(guided_match(a, b, descriptors, -descriptors, T_b_a, CAMERA, 4.0, 0.3)) < 5
+    assert len(guided_match(a, b, descriptors, descriptors, wrong, CAMERA, 4.0, NEAR2)) < 5
+    assert len(guided_match(a, b, descriptors, ~descriptors, T_b_a, CAMERA, 4.0, NEAR2)) < 5
 
 
 def test_directions_that_contradict_each_other_are_dropped():

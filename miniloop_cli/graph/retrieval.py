@@ -1,0 +1,76 @@
+"""Which scans look alike: one compact vector an image from the features it already has (VLAD).
+
+Jégou et al., "Aggregating local descriptors into a compact image representation", CVPR 2010: descriptors are assigned
+to the words of a small vocabulary, the residuals of each word are summed, signed square roots taken, and the vector
+normalised. The vocabulary is learnt from the recording itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.graph.overlap import Pair
+
+WORDS = 32
+TRAINING = 20_000  # descriptors that the vocabulary is learnt from
+STRONGEST = 300  # features of an image that describe it
+FAISS_FROM = 10_000  # images from which faiss, where installed, searches instead of a matrix product
+
+
+def image_vectors(descriptors: Sequence[NDArray[np.uint8]], rng: np.random.Generator) -> NDArray[np.float32]:
+    """(n, WORDS * d) unit vectors of n images from their (k, d) compact descriptors; zero for images without any."""
+    from scipy.cluster.vq import kmeans2, vq
+
+    strongest = [found[:STRONGEST].astype(np.float32) for found in descriptors]
+    width = max((found.shape[1] for found in strongest if len(found)), default=1)
+    vectors = np.zeros((len(strongest), WORDS, width), np.float32)
+    everything = np.concatenate([np.zeros((0, width), np.float32), *(found for found in strongest if len(found))])
+    if len(everything) < WORDS:
+        return vectors.reshape(len(strongest), -1)
+    sample = everything[rng.permutation(len(everything))[:TRAINING]]
+    words, _ = kmeans2(sample, WORDS, iter=10, minit="++", rng=rng)
+    for vector, found in zip(vectors, strongest, strict=True):
+        if len(found):
+            nearest, _ = vq(found, words)
+            np.add.at(vector, nearest, found - words[nearest])
+    flat = vectors.reshape(len(strongest), -1)
+    flat = np.sign(flat) * np.sqrt(np.abs(flat))
+    return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
+
+
+def similar_pairs(vectors: NDArray[np.float32], most: int) -> list[Pair]:
+    """Pairs (i, j), i < j, of each image with the `most` images that look most alike, sorted."""
+    count = len(vectors)
+    nearest = _nearest(vectors, min(most + 1, count))
+    return sorted({(min(i, int(j)), max(i, int(j))) for i in range(count) for j in nearest[i] if i != j and j >= 0})
+
+
+def _nearest(vectors: NDArray[np.float32], most: int) -> NDArray[np.int64]:
+    if len(vectors) >= FAISS_FROM:
+        try:
+            import faiss
+        except ImportError:
+            pass
+        else:
+            index = faiss.IndexFlatIP(vectors.shape[1])
+            index.add(vectors)
+            return index.search(vectors, most)[1]
+    blocks = []
+    for first in range(0, len(vectors), 512):
+        similarity = vectors[first : first + 512] @ vectors.T
+        blocks.append(np.argsort(-similarity, axis=1, kind="stable")[:, :most])
+    return np.concatenate(blocks) if blocks else np.zeros((0, most), np.int64)
+
+
+def around(loops: Iterable[Pair], count: int, reach: int = 2) -> set[Pair]:
+    """Pairs of frames next to those of the given pairs: where one loop was found, its neighbours overlap too."""
+    near = set()
+    for i, j in loops:
+        for a in range(max(i - reach, 0), min(i + reach + 1, count)):
+            for b in range(max(j - reach, 0), min(j + reach + 1, count)):
+                if a != b:
+                    near.add((min(a, b), max(a, b)))
+    return near
