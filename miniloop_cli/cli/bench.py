@@ -8,6 +8,7 @@ from miniloop_cli.cli.main import CONTEXT, LazyGroup
 
 BENCHES: dict[str, str] = {
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
+    "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
 }
 
