@@ -58,7 +58,7 @@ def register(
             if error.run is None:
                 raise
             _write(error.run, target, str(error))
-            raise RegistrationError(f"{error}; see {target / 'report.html'}", error.run) from error
+            raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
         _write(run, target)
     return run
 
