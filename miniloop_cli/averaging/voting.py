@@ -5,8 +5,8 @@ already placed each propose a pose; proposals close to each other support each o
 supported proposal is placed next, at the mean of the agreeing ones. Later votes, with all scans placed, correct those
 that had to be placed on a single false edge.
 
-A pose is a row (7,): unit quaternion w x y z, translation; `near` = (cosine of half an angle, squared distance) says
-which poses agree. Rotations alone: translations zero. Translations alone, in the world frame: rotations the identity.
+Poses are rows (7,) as in rows.py; `near` = (cosine of half an angle, squared distance) says which poses agree.
+Rotations alone: translations zero. Translations alone, in the world frame: rotations the identity.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ import numpy as np
 from numba import njit
 
 from miniloop_cli.averaging.graph import Floats, Ints
-from miniloop_cli.averaging.kernels import conjugate, product
+from miniloop_cli.averaging.rows import Row, compose, invert, load, store
 
-Row = tuple[float, float, float, float, float, float, float]
 Near = tuple[float, float]
 
 LEVELS = 8
@@ -27,33 +26,6 @@ LEVELS = 8
 
 LOOPS = 12
 """At most so many triangles of an edge are looked at."""
-
-
-@njit(cache=True, nogil=True)
-def load(T: Floats, i: int) -> Row:
-    return T[i, 0], T[i, 1], T[i, 2], T[i, 3], T[i, 4], T[i, 5], T[i, 6]
-
-
-@njit(cache=True, nogil=True)
-def store(T: Floats, i: int, a: Row) -> None:
-    for c in range(7):
-        T[i, c] = a[c]
-
-
-@njit(cache=True, nogil=True)
-def compose(a: Row, b: Row) -> Row:
-    """a b: first b, then a."""
-    q = (a[0], a[1], a[2], a[3])
-    r = product(q, (b[0], b[1], b[2], b[3]))
-    t = product(product(q, (0.0, b[4], b[5], b[6])), conjugate(q))
-    return r[0], r[1], r[2], r[3], a[4] + t[1], a[5] + t[2], a[6] + t[3]
-
-
-@njit(cache=True, nogil=True)
-def invert(a: Row) -> Row:
-    q = (a[0], -a[1], -a[2], -a[3])
-    t = product(product(q, (0.0, a[4], a[5], a[6])), conjugate(q))
-    return q[0], q[1], q[2], q[3], -t[1], -t[2], -t[3]
 
 
 @njit(cache=True, nogil=True)

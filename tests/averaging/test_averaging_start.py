@@ -6,6 +6,7 @@ import pytest
 
 from miniloop_cli.averaging import voting
 from miniloop_cli.averaging.graph import adjacency
+from miniloop_cli.averaging.rows import compose, invert, load
 from miniloop_cli.averaging.start import tree_start, voted_start
 from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.geometry.se3 import inverse, pose
@@ -30,9 +31,9 @@ def test_rows_compose_and_invert_as_matrices_do():
     rng = np.random.default_rng(0)
     T = view_graph("expander", 20, 30, 0.0, 0.0, 0.0, rng).T_world_cam
     rows = rows_of(T)
-    a, b = voting.load(rows, 3), voting.load(rows, 4)
-    np.testing.assert_allclose(poses_of(np.array([voting.compose(a, b)]))[0], T[3] @ T[4], atol=1e-12)
-    np.testing.assert_allclose(poses_of(np.array([voting.invert(a)]))[0], inverse(T[3]), atol=1e-12)
+    a, b = load(rows, 3), load(rows, 4)
+    np.testing.assert_allclose(poses_of(np.array([compose(a, b)]))[0], T[3] @ T[4], atol=1e-12)
+    np.testing.assert_allclose(poses_of(np.array([invert(a)]))[0], inverse(T[3]), atol=1e-12)
 
 
 @pytest.mark.parametrize(("kind", "outliers"), [("video", 0.0), ("video", 0.2), ("expander", 0.2)])
