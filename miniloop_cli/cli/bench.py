@@ -7,6 +7,7 @@ import click
 from miniloop_cli.cli.main import CONTEXT, LazyGroup
 
 BENCHES: dict[str, str] = {
+    "ablation": "miniloop_cli.cli.bench_ablation:bench_ablation",
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",

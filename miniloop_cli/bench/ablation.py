@@ -1,0 +1,210 @@
+"""What each step is worth: the same recording registered with one thing changed at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import default_folder
+from miniloop_cli.bench.stages import SessionClock, SessionStore
+from miniloop_cli.config import load_settings
+from miniloop_cli.errors import ConfigError, InputError, RegistrationError
+from miniloop_cli.evaluation.evaluate import Protocol, evaluate
+from miniloop_cli.evaluation.results import read_edge_list
+from miniloop_cli.files import atomic_write
+from miniloop_cli.graph.edges import VERIFIED
+from miniloop_cli.parallel import Workers
+from miniloop_cli.pipeline import Registration, register
+from miniloop_cli.scans import open_sequence, read_ground_truth
+from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.intrinsics import default_camera
+from miniloop_cli.scans.sequence import Sequence as Recording
+from miniloop_cli.scans.sequence import Trajectory
+
+Row = dict[str, Any]
+STAGES = ("matching", "edges", "averaging", "refinement")
+PROTOCOL = Protocol(association="nearest")  # as evo and the TUM scripts
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row: changes (`key=value` ...) on top of a preset; `ros_camera`: TUM's ROS default instead of the camera."""
+
+    step: str
+    changes: tuple[str, ...] = ()
+    preset: str = "default"
+    ros_camera: bool = False
+
+    @property
+    def settings(self) -> str:
+        """How to get it: preset and changes in a line."""
+        return " ".join([self.preset, *self.changes, *(["(with TUM's ROS camera)"] if self.ros_camera else [])])
+
+
+VARIANTS: dict[str, Variant] = {
+    "default": Variant(""),
+    "ROS camera": Variant("camera", ros_camera=True),
+    "sift": Variant("features", ("features.type=sift",)),
+    "orb": Variant("features", ("features.type=orb",)),
+    "surf": Variant("features", ("features.type=surf",)),
+    "half the features": Variant("features", ("features.count=1500", "matching.count=600")),
+    "more features": Variant("features", ("features.count=5000", "matching.count=3000")),
+    "exhaustive pairs": Variant("matching", ("matching.pairs=exhaustive",)),
+    "pairwise only": Variant("cycles", ("cycles.longest=2",)),
+    "3-cycles": Variant("cycles", ("cycles.longest=3",)),
+    "4-cycles": Variant("cycles", ("cycles.longest=4",)),
+    "dfs decomposition": Variant("cycles", ("cycles.decomposition=dfs",)),
+    "tight RANSAC (2 cm)": Variant("edges", ("ransac.threshold_m=0.02",)),
+    "no local optimization": Variant("edges", ("ransac.local_optimization=false",)),
+    "plain rotations": Variant("averaging", ("averaging.rotations=plain",)),
+    "plain translations": Variant("averaging", ("averaging.translations=plain",)),
+    "averaging only": Variant("refinement", ("refine=none",)),
+    "plain averaging only": Variant(
+        "refinement", ("refine=none", "averaging.rotations=plain", "averaging.translations=plain")
+    ),
+    "pose graph": Variant("refinement", ("refine=posegraph",)),
+    "bundle without timing": Variant("refinement", ("bundle.timing=false",)),
+    "depth sigma x 1": Variant("refinement", ("bundle.depth_sigma_factor=1",)),
+    "depth sigma x 4": Variant("refinement", ("bundle.depth_sigma_factor=4",)),
+    "preset fast": Variant("presets", preset="fast"),
+    "preset accurate": Variant("presets", preset="accurate"),
+    "preset paper": Variant("presets", preset="paper"),
+}
+
+
+def ablation_rows(
+    folders: Sequence[Path],
+    names: Iterable[str] = tuple(VARIANTS),
+    edge_files: Sequence[Path] = (),
+    seed: int = 0,
+    workers: Workers | None = None,
+) -> Iterator[Row]:
+    """Rows of each recording and each of the `names` of VARIANTS, one after the other; "default" always comes first.
+
+    Edge errors are over a list of edges that all rows of a recording share: that of `edge_files` (one a recording,
+    lines "i j"), else the default's verified edges. Features are taken from the cache where they are; the seconds are
+    those of all later stages, each stage measured once for the same inputs, with everything compiled.
+    Raises InputError for a recording without ground truth, ConfigError for an unknown name.
+    """
+    if unknown := [name for name in names if name not in VARIANTS]:
+        raise ConfigError(f"no variant '{unknown[0]}'; known are: {', '.join(VARIANTS)}")
+    if edge_files and len(edge_files) != len(folders):
+        raise ConfigError(f"{len(edge_files)} edge lists for {len(folders)} recordings: give one for each, in order")
+    workers = workers or Workers()
+    chosen = ["default", *(name for name in VARIANTS if name in set(names) - {"default"})]
+    recordings = [_open(folder) for folder in folders]
+    _warm_up(folders[0], workers)
+    for k, (recording, truth) in enumerate(recordings):
+        store = SessionStore(default_folder())
+        stamps = np.array([frame.timestamp_s for frame in recording.frames])
+        edges = read_edge_list(edge_files[k], stamps) if edge_files else np.empty((0, 2))
+        for name in chosen:
+            variant = VARIANTS[name]
+            sequence = replace(recording, camera=_ros_camera(recording.camera)) if variant.ros_camera else recording
+            if variant.ros_camera and _same(sequence.camera, recording.camera):
+                continue
+            clock = SessionClock(store)
+            with clock.listening():
+                run, problem = _register(sequence, variant, store, workers, seed)
+            if not edge_files and name == "default":
+                edges = stamps[_verified(run)]
+            row = {"sequence": recording.name, "step": variant.step, "variant": name}
+            row |= _scores(run, stamps, truth, edges)
+            row |= {f"{stage}_s": round(clock.seconds[stage].wall, 3) for stage in STAGES if stage in clock.seconds}
+            spent = [clock.seconds[stage] for stage in STAGES if stage in clock.seconds]
+            row |= {"seconds": round(sum(s.wall for s in spent), 3), "cpu_s": round(sum(s.cpu for s in spent), 3)}
+            yield row | {"settings": variant.settings, "problem": problem}
+
+
+def _open(folder: Path) -> tuple[Recording, Trajectory]:
+    recording = open_sequence(folder)
+    truth = read_ground_truth(recording)
+    if truth is None:
+        raise InputError(f"{folder} comes without ground truth: an ablation has nothing to measure against")
+    return recording, truth
+
+
+def _warm_up(folder: Path, workers: Workers) -> None:
+    """Compile, or load what is compiled, on a few frames."""
+    few = open_sequence(folder, max_frames=8)
+    for name in ("default", "orb"):
+        _register(few, VARIANTS[name], SessionStore(default_folder()), Workers(workers.jobs, quiet=True), 0)
+
+
+def _register(
+    sequence: Recording, variant: Variant, store: SessionStore, workers: Workers, seed: int
+) -> tuple[Registration | None, str]:
+    """The run, or as far as it came, and why no farther."""
+    try:
+        return register(sequence, load_settings(variant.preset, variant.changes), store, workers, seed), ""
+    except RegistrationError as error:
+        return error.run, str(error)
+
+
+def _ros_camera(camera: Camera) -> Camera:
+    """TUM's ROS default, for images of its size; other cameras just lose their distortion."""
+    plain = default_camera()
+    if (camera.width, camera.height) != (plain.width, plain.height):
+        return replace(camera, distortion=(0.0,) * 5)
+    return replace(plain, depth_scale=camera.depth_scale, noise=camera.noise)
+
+
+def _same(a: Camera, b: Camera) -> bool:
+    return replace(a, source="") == replace(b, source="")
+
+
+def _verified(run: Registration | None) -> NDArray[np.int64]:
+    """(e, 2) frames of the verified edges."""
+    edges = run.edges if run else []
+    return np.array([(e.i, e.j) for e in edges if e.verdict == VERIFIED], np.int64).reshape(-1, 2)
+
+
+def _scores(
+    run: Registration | None, stamps: NDArray[np.float64], truth: Trajectory, edges: NDArray[np.float64]
+) -> Row:
+    """Accuracy of a run; None where there is nothing to measure."""
+    registered = run.poses.registered if run else np.empty(0, np.int64)
+    row: Row = {"frames": len(stamps), "registered": len(registered), "edges": len(_verified(run))}
+    row |= dict.fromkeys(("ate_cm", "edge_deg", "edge_cm", "edges_scored"))
+    if run is None or len(registered) < 3:
+        return row
+    found = evaluate(Trajectory(stamps[registered], run.poses.T_world_cam[registered]), truth, edges, PROTOCOL)
+    relative = found.numbers["rpe"]["edges"]
+    row |= {"ate_cm": _rounded(found.numbers["ate_rmse_m"], 100), "edge_deg": _rounded(relative["rot_deg_mean"])}
+    return row | {"edge_cm": _rounded(relative["trans_m_mean"], 100), "edges_scored": relative["pairs"]}
+
+
+def _rounded(value: float | None, factor: float = 1.0) -> float | None:
+    return None if value is None else round(factor * value, 4)
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Each variant's errors and CPU seconds beside the default's: three panels, a colour a recording."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(row["variant"] for row in rows))
+    panels = {
+        "ate_cm": "ATE rmse [cm]",
+        "edge_cm": "edges, mean [cm]",
+        "edge_deg": "edges, mean [deg]",
+        "cpu_s": "CPU [s]",
+    }
+    figure = Figure(figsize=(12, 1.2 + 0.28 * len(names)), layout="constrained")
+    for axes, (key, label) in zip(figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True):
+        for colour, sequence in enumerate(dict.fromkeys(row["sequence"] for row in rows)):
+            mine = [row for row in rows if row["sequence"] == sequence and row[key] is not None]
+            places = [names.index(row["variant"]) for row in mine]
+            axes.plot([row[key] for row in mine], places, "o", color=f"C{colour}", label=sequence)
+            for row in mine[:1]:
+                axes.axvline(row[key], color=f"C{colour}", linewidth=0.8, linestyle=":")
+        axes.set(xlabel=label, xscale="log", ylim=(len(names) - 0.5, -0.5))
+        axes.grid(axis="y", alpha=0.3)
+        axes.set_yticks(range(len(names)), names)
+    figure.axes[0].legend(fontsize="x-small")
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=120)

@@ -1,0 +1,146 @@
+"""`miniloop bench ablation` on a small simulated recording."""
+
+import csv
+import json
+import logging
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from miniloop_cli.api import evaluate, register, simulate
+from miniloop_cli.artefacts import Store
+from miniloop_cli.bench.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
+from miniloop_cli.bench.stages import Seconds, SessionClock, SessionStore, StageClock
+from miniloop_cli.cli.bench import bench
+from miniloop_cli.config import load_settings
+from miniloop_cli.errors import ConfigError, InputError
+
+LENS = (0.26, -0.95, 0.0, 0.0, 1.16)
+NAMES = ["ROS camera", "pairwise only", "averaging only"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("ablation")
+    return simulate(root / "sim", frames=8, width=320, height=240, path="xyz", distortion=LENS)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def rows(folder, tmp_path_factory):
+    output = tmp_path_factory.mktemp("output")
+    only = [option for name in NAMES for option in ("--only", name)]
+    arguments = ["ablation", str(folder), *only, "-o", str(output), "--json", "-", "-q"]
+    result = CliRunner().invoke(bench, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    with (output / "ablation.csv").open() as file:
+        assert [row["variant"] for row in csv.DictReader(file)] == ["default", *NAMES]
+    assert (output / "ablation.png").read_bytes().startswith(b"\x89PNG")
+    return {row["variant"]: row for row in json.loads(result.stdout)["rows"]}
+
+
+def test_rows_say_what_was_measured(rows):
+    for row in rows.values():
+        assert row["frames"] == 8 == row["registered"]
+        assert row["edges_scored"] == rows["default"]["edges"] > 7
+        assert row["seconds"] == pytest.approx(
+            sum(row[f"{s}_s"] for s in ("matching", "edges", "averaging", "refinement"))
+        )
+        assert row["cpu_s"] >= 0 and row["problem"] == ""
+
+
+def test_a_step_taken_away_costs_accuracy(rows):
+    assert rows["default"]["ate_cm"] < 2
+    assert rows["ROS camera"]["ate_cm"] > 1.5 * rows["default"]["ate_cm"]
+
+
+def test_the_same_stage_is_paid_once(rows):
+    assert rows["averaging only"]["edges_s"] == rows["default"]["edges_s"]
+    assert rows["pairwise only"]["matching_s"] == rows["default"]["matching_s"]
+    assert rows["averaging only"]["refinement_s"] < rows["default"]["refinement_s"]
+
+
+def test_agrees_with_register_and_eval(rows, folder, tmp_path):
+    register(folder, tmp_path / "result")
+    numbers = evaluate(tmp_path / "result", folder, protocol=PROTOCOL).numbers
+    assert rows["default"]["ate_cm"] == pytest.approx(100 * numbers["ate_rmse_m"], abs=1e-3)
+    assert rows["default"]["edge_cm"] == pytest.approx(100 * numbers["rpe"]["edges"]["trans_m_mean"], abs=1e-3)
+    assert rows["default"]["edge_deg"] == pytest.approx(numbers["rpe"]["edges"]["rot_deg_mean"], abs=1e-3)
+
+
+def test_edges_of_a_file(folder, tmp_path):
+    (tmp_path / "edges.txt").write_text("0 1\n1 2  # all\n0 7\n")
+    (row,) = ablation_rows([folder], ["default"], [tmp_path / "edges.txt"])
+    assert row["edges_scored"] == 3
+
+
+def test_nothing_registered_is_a_row_with_its_reason(tmp_path):
+    blank = simulate(tmp_path / "blank", frames=4, width=160, height=120, scene="textureless", noise=False)
+    (row,) = ablation_rows([blank], ["default"])
+    assert (row["registered"], row["ate_cm"], row["edges_scored"]) == (0, None, None)
+    assert "no scan was registered" in row["problem"]
+    draw([row], tmp_path / "none.png")
+
+
+def test_what_cannot_be_done_is_said(folder, tmp_path):
+    with pytest.raises(ConfigError, match="no variant 'pairs'"):
+        list(ablation_rows([folder], ["pairs"]))
+    with pytest.raises(ConfigError, match="2 edge lists for 1"):
+        list(ablation_rows([folder], edge_files=[tmp_path, tmp_path]))
+    without = simulate(tmp_path / "without", frames=2, width=160, height=120)
+    (without / "groundtruth.txt").unlink()
+    with pytest.raises(InputError, match="without ground truth"):
+        list(ablation_rows([without]))
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_is_made_of_known_settings(name):
+    variant = VARIANTS[name]
+    settings = load_settings(variant.preset, variant.changes)
+    changed = settings != load_settings() or variant.ros_camera
+    assert changed == (name != "default")
+
+
+def test_list_needs_no_recording():
+    result = CliRunner().invoke(bench, ["ablation", "--list"], catch_exceptions=False)
+    assert [line.split("  ")[0] for line in result.stdout.splitlines()] == list(VARIANTS)
+
+
+def test_clock_hears_stages_and_leaves_the_log_as_it_was():
+    log, clock = logging.getLogger("miniloop"), StageClock()
+    before = (log.level, log.propagate, list(log.handlers))
+    with clock.listening():
+        log.info("%s ...", "matching")
+        sum(range(100_000))
+        log.info("%s: %.1f s", "matching", 0.0)
+        log.info("unrelated")
+    assert (log.level, log.propagate, log.handlers) == before
+    assert clock.seconds["matching"].wall > 0 and clock.seconds["matching"].cpu >= 0
+
+
+def test_session_store_keeps_features_on_disk_and_the_rest_in_memory(tmp_path):
+    store = SessionStore(tmp_path)
+    for kind in ("features", "edges"):
+        assert store.load(kind, "k") is None
+        store.save(kind, "k", {"x": np.arange(3)})
+        assert store.load(kind, "k")["x"].tolist() == [0, 1, 2]
+    assert Store(tmp_path).load("features", "k") is not None
+    assert Store(tmp_path).load("edges", "k") is None
+
+
+def test_a_stage_with_artefacts_counts_what_it_took_first(tmp_path):
+    store = SessionStore(tmp_path)
+    clocks = [SessionClock(store) for _ in range(3)]
+    for clock, key, wall in zip(clocks, ("a", "a", "b"), (5.0, 0.1, 3.0), strict=True):
+        store.load("edges", key)
+        clock.ended("edges", Seconds(wall, wall))
+        clock.ended("averaging", Seconds(wall, wall))
+    assert [clock.seconds["edges"].wall for clock in clocks] == [5.0, 5.0, 3.0]
+    assert [clock.seconds["averaging"].wall for clock in clocks] == [5.0, 0.1, 3.0]
