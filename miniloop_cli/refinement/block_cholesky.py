@@ -74,7 +74,7 @@ def _minimum_degree(m: int, r: Ints, c: Ints) -> Ints:
     return np.argsort(lu.perm_c)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _factor_pattern(start: Ints, row: Ints) -> tuple[Ints, Ints]:
     """Columns of L (sorted rows, the diagonal first) from those of the lower triangle of A."""
     m = len(start) - 1
@@ -108,7 +108,7 @@ def _factor_pattern(start: Ints, row: Ints) -> tuple[Ints, Ints]:
     return L_start, L_row[: L_start[m]].copy()
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _subtract(B: Array, b: int, A: Array, a: int, C: Array, c: int) -> None:
     """C[c] -= B[b]^T A[a], all 6 x 6: written so that the inner loop vectorises."""
     for j in range(6):
@@ -124,7 +124,7 @@ def _subtract(B: Array, b: int, A: Array, a: int, C: Array, c: int) -> None:
             )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _factor(start: Ints, row: Ints, L: Array) -> bool:
     """A's blocks in L's places become L; False if a pivot is not positive. All blocks are stored transposed."""
     m = len(start) - 1
@@ -171,7 +171,7 @@ def _factor(start: Ints, row: Ints, L: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(start: Ints, row: Ints, L: Array, x: Array) -> None:
     """x (m, 6) becomes (L L^T)^-1 x."""
     m = len(start) - 1
@@ -197,7 +197,7 @@ def _solve(start: Ints, row: Ints, L: Array, x: Array) -> None:
             x[j, a] /= D[a, a]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _selected_inverse(start: Ints, row: Ints, L: Array) -> Array:
     """Blocks of the inverse in L's places, stored transposed as well."""
     m = len(start) - 1

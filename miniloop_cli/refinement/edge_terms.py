@@ -58,7 +58,7 @@ def make_edges(count: int, pairs: ArrayLike, T_j_i: Array, information: Array, k
     return Edges(i, j, R, t, L, KERNELS[kernel], float(scale**2))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def log_rotation(R: Array, w: Array) -> None:
     """Rotation vector of R (3, 3) into w (3,), by the quaternion: stable at all angles."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]
@@ -88,7 +88,7 @@ def log_rotation(R: Array, w: Array) -> None:
         w[a] *= scale
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _residual(edges: Edges, e: int, R: Array, t: Array, R_ji: Array, R_E: Array, r: Array, Lr: Array) -> float:
     """Squared Mahalanobis residual; R_ji = R_j^T R_i, R_E, r (6,) and Lambda r are left in the arguments."""
     i, j = edges.i[e], edges.j[e]
@@ -111,7 +111,7 @@ def _residual(edges: Edges, e: int, R: Array, t: Array, R_ji: Array, R_E: Array,
     return max(s, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _inverse_right_jacobian(w: Array, J: Array) -> None:
     """I + hat(w) / 2 + (1 - (a / 2) cot(a / 2)) / a^2 hat(w)^2, a = |w| (Chirikjian 2011, (10.86))."""
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
@@ -129,7 +129,7 @@ def _inverse_right_jacobian(w: Array, J: Array) -> None:
     J[2, 1] += w[0] / 2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _jacobians(R_meas: Array, t_meas: Array, R_ji: Array, R_E: Array, r: Array, J: Array, Ji: Array, Jj: Array) -> None:
     """Derivatives (6, 6) of r by the steps of i and j; J (3, 3) is scratch. Zeros must already stand in Ji and Jj."""
     _inverse_right_jacobian(r[:3], J)
@@ -150,7 +150,7 @@ def _jacobians(R_meas: Array, t_meas: Array, R_ji: Array, R_E: Array, r: Array, 
     Jj[5, 0], Jj[5, 1] = -r[4], r[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_product(A: Array, B: Array, weight: float, S: Array, q: int) -> None:
     """S[q] += weight A^T B, all (6, 6)."""
     for a in range(6):
@@ -160,7 +160,7 @@ def _add_product(A: Array, B: Array, weight: float, S: Array, q: int) -> None:
                 S[q, a, b] += x * B[k, b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_edges(edges: Edges, block: NDArray[np.int64], R: Array, t: Array, damping: float, S: Array, g: Array) -> float:
     """Add all edges to the blocks S (b, 6, 6) and the gradient g (n, 6); half their robust cost is returned.
 
@@ -195,7 +195,7 @@ def add_edges(edges: Edges, block: NDArray[np.int64], R: Array, t: Array, dampin
     return 0.5 * cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_edges(edges: Edges, R: Array, t: Array, chi2: Array, weight: Array) -> float:
     """Squared Mahalanobis residuals and robust weights (m,) into the arguments; half the robust cost is returned."""
     R_ji, R_E, r, Lr = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)

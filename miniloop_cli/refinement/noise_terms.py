@@ -18,7 +18,7 @@ from miniloop_cli.refinement.track_terms import Model, Observations, camera_poin
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _inverse3(V: Array, I: Array) -> None:
     """Inverse of the symmetric V (upper triangle given) into I, regular along rays seen once."""
     i0, l10, l20, i1, l21, i2 = cholesky3(V, 0.0)
@@ -29,7 +29,7 @@ def _inverse3(V: Array, I: Array) -> None:
     I[2, 0], I[2, 1], I[2, 2] = I[0, 2], I[1, 2], i2 * i2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def point_leverage(obs: Observations, model: Model, part: Model, R: Array, t: Array, X: Array) -> float:
     """Degrees of freedom that the points take from the residuals whose Hessian is `part`: sum of tr(V^-1 V_part)."""
     V, P, I, M, g = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
@@ -49,18 +49,18 @@ def point_leverage(obs: Observations, model: Model, part: Model, R: Array, t: Ar
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mixed(M: Array, x: float, y: float, z: float, W: Array) -> None:
-    """W = B^T M (6, 3): -x x M above, -M below."""
+    """The columns of B^T M, -x x M above and -M below, as rows of W (3, 6)."""
     for c in range(3):
-        W[0, c] = z * M[1, c] - y * M[2, c]
-        W[1, c] = x * M[2, c] - z * M[0, c]
-        W[2, c] = y * M[0, c] - x * M[1, c]
+        W[c, 0] = z * M[1, c] - y * M[2, c]
+        W[c, 1] = x * M[2, c] - z * M[0, c]
+        W[c, 2] = y * M[0, c] - x * M[1, c]
         for r in range(3):
-            W[3 + r, c] = -M[r, c]
+            W[c, 3 + r] = -M[r, c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_noise(
     obs: Observations, model: Model, noise: Model, R: Array, t: Array, X: Array, table: NDArray[np.uint32], S: Array
 ) -> None:
@@ -68,7 +68,7 @@ def add_noise(
     longest = 0
     for p in range(len(obs.start) - 1):
         longest = max(longest, obs.start[p + 1] - obs.start[p])
-    W, Q, G = np.empty((longest, 6, 3)), np.empty((longest, 6, 3)), np.empty((longest, 6, 3))
+    W, Q, G = np.empty((longest, 3, 6)), np.empty((longest, 3, 6)), np.empty((longest, 3, 6))
     V, Vn, I, M, g = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     unused = np.empty((len(R), 6))
     for p in range(len(obs.start) - 1):
@@ -90,13 +90,14 @@ def add_noise(
         for k in range(length):
             for r in range(6):
                 for c in range(3):
-                    G[k, r, c] = W[k, r, 0] * I[0, c] + W[k, r, 1] * I[1, c] + W[k, r, 2] * I[2, c]
+                    G[k, c, r] = W[k, 0, r] * I[0, c] + W[k, 1, r] * I[1, c] + W[k, 2, r] * I[2, c]
                 for c in range(3):
-                    Q[k, r, c] -= 0.5 * (G[k, r, 0] * Vn[0, c] + G[k, r, 1] * Vn[1, c] + G[k, r, 2] * Vn[2, c])
+                    Q[k, c, r] -= 0.5 * (G[k, 0, r] * Vn[0, c] + G[k, 1, r] * Vn[1, c] + G[k, 2, r] * Vn[2, c])
         for k in range(length):
             for m in range(k, length):
                 q = table[obs.frame[first + k], obs.frame[first + m]]
                 for i in range(6):
+                    g0, g1, g2, q0, q1, q2 = G[k, 0, i], G[k, 1, i], G[k, 2, i], Q[k, 0, i], Q[k, 1, i], Q[k, 2, i]
                     for j in range(6):
-                        for c in range(3):
-                            S[q, i, j] -= G[k, i, c] * Q[m, j, c] + Q[k, i, c] * G[m, j, c]
+                        S[q, i, j] -= g0 * Q[m, 0, j] + g1 * Q[m, 1, j] + g2 * Q[m, 2, j]
+                        S[q, i, j] -= q0 * G[m, 0, j] + q1 * G[m, 1, j] + q2 * G[m, 2, j]

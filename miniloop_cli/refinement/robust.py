@@ -13,7 +13,7 @@ Kernel = Literal["none", "cauchy", "geman-mcclure"]
 KERNELS: dict[str, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def robust(kind: int, s: float, c2: float) -> tuple[float, float]:
     """(rho(s), rho'(s)) of the kernel number `kind` with squared scale c2: Cauchy c2 log(1 + s/c2), Geman-McClure
     s c2/(c2 + s), none s."""

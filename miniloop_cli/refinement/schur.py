@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_point_terms(
     V: Array, g: Array, M: Array, R: Array, f: int, terms: tuple[float, float, float, float, float, float, float, float]
 ) -> None:
@@ -36,7 +36,7 @@ def add_point_terms(
             V[i, j] += R[f, i, 0] * M[0, j] + R[f, i, 1] * M[1, j] + R[f, i, 2] * M[2, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, float, float]:
     """1/L00, L10, L20, 1/L11, L21, 1/L22 of V + damping diag(V) + prior."""
     grow = 1.0 + damping
@@ -48,7 +48,7 @@ def cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, flo
     return i0, l10, l20, i1, l21, i2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_pose_terms(
     S: Array,
     g: Array,
@@ -93,7 +93,7 @@ def add_pose_terms(
     S[f, 4, 5] += A12
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 def reduce_tracks(
     low: int,
     high: int,
@@ -165,7 +165,7 @@ def reduce_tracks(
     return 0.5 * cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def step_tracks(
     low: int,
     high: int,

@@ -43,7 +43,7 @@ class Observations(NamedTuple):
     inverse_sigma_z: Array
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def camera_point(R: Array, t: Array, f: int, X: Array, p: int) -> tuple[float, float, float]:
     a, b, c = X[p, 0] - t[f, 0], X[p, 1] - t[f, 1], X[p, 2] - t[f, 2]
     return (
@@ -53,17 +53,18 @@ def camera_point(R: Array, t: Array, f: int, X: Array, p: int) -> tuple[float, f
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def whitened(obs: Observations, k: int, model: Model, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Whitened residuals (predicted minus measured) u, v, depth."""
+    near = 1 / z
     return (
-        (model.fx * x / z + model.cx - obs.px[k, 0]) * model.inverse_sigma_px,
-        (model.fy * y / z + model.cy - obs.px[k, 1]) * model.inverse_sigma_px,
+        (model.fx * x * near + model.cx - obs.px[k, 0]) * model.inverse_sigma_px,
+        (model.fy * y * near + model.cy - obs.px[k, 1]) * model.inverse_sigma_px,
         (z - obs.z[k]) * obs.inverse_sigma_z[k],
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def observation_cost(obs: Observations, k: int, model: Model, x: float, y: float, z: float) -> float:
     if z < _NEAR_M:
         return robust(model.kind, _BEHIND, model.c2_px)[0]
@@ -71,7 +72,7 @@ def observation_cost(obs: Observations, k: int, model: Model, x: float, y: float
     return robust(model.kind, ru * ru + rv * rv, model.c2_px)[0] + robust(model.kind, rz * rz, model.c2_depth)[0]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def observation_terms(
     obs: Observations, k: int, model: Model, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
@@ -81,8 +82,10 @@ def observation_terms(
     ru, rv, rz = whitened(obs, k, model, x, y, z)
     w = robust(model.kind, ru * ru + rv * rv, model.c2_px)[1]
     wz = robust(model.kind, rz * rz, model.c2_depth)[1]
-    gu, gv, gz = model.fx / z * model.inverse_sigma_px, model.fy / z * model.inverse_sigma_px, obs.inverse_sigma_z[k]
-    xz, yz = x / z, y / z
+    near = 1 / z
+    gu, gv = model.fx * near * model.inverse_sigma_px, model.fy * near * model.inverse_sigma_px
+    gz = obs.inverse_sigma_z[k]
+    xz, yz = x * near, y * near
     a0, a1 = w * gu * ru, w * gv * rv
     a2 = wz * gz * rz - a0 * xz - a1 * yz
     A00, A11 = w * model.curvature_px * gu * gu, w * model.curvature_px * gv * gv
@@ -90,7 +93,7 @@ def observation_terms(
     return a0, a1, a2, A00, A11, -A00 * xz, -A11 * yz, A22
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_tracks(
     obs: Observations, model: Model, R: Array, t: Array, X: Array, residual: Array, weight: Array
 ) -> None:
@@ -107,7 +110,7 @@ def evaluate_tracks(
             weight[k, 1] = robust(model.kind, rz * rz, model.c2_depth)[1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mark_seen_together(obs: Observations, together: NDArray[np.bool_]) -> None:
     """Set together[i, j], i < j, of (n, n) for frames that share a track."""
     for p in range(len(obs.start) - 1):
