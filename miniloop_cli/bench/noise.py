@@ -166,8 +166,9 @@ def draw_noise(rows: Sequence[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(11, 6.4), layout="constrained")
     panels = figure.subplots(2, 3)
     labels = {"rot_deg_median": "rotation error [deg]", "trans_median": "translation error [units]"}
+    labels["inliers_percent_mean"] = "inliers [%]"
     for line, sweep in zip(panels, ("noise", "outliers"), strict=True):
-        for axes, (key, label) in zip(line, [*labels.items(), ("inliers_percent_mean", "inliers [%]")], strict=True):
+        for axes, (key, label) in zip(line, labels.items(), strict=True):
             for k, method in enumerate(METHODS):
                 for variant, style in (("paper", "--"), ("refined", "-")):
                     points = [
@@ -179,8 +180,7 @@ def draw_noise(rows: Sequence[dict[str, Any]], path: Path) -> None:
                     axes.plot(*np.reshape(points, (-1, 2)).T, style, color=f"C{k}", label=f"{method}, {variant}")
             axes.set(xlabel={"noise": "noise [% of distance]", "outliers": "wrong matches [%]"}[sweep], ylabel=label)
             axes.grid(alpha=0.3)
-            if key in labels:
-                axes.set_yscale("log")
+            axes.set_ylim(bottom=0)
     panels[0, 2].legend(fontsize=7)
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=120)
