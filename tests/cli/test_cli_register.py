@@ -1,0 +1,155 @@
+"""`miniloop register`: what it leaves behind, what it prints, that it can be stopped, repeated and run in parallel."""
+
+import json
+import signal
+import subprocess
+import time
+
+import pytest
+import yaml
+from command_line import FRAMES, command, environment, invoke, run_process
+
+from miniloop_cli.lock import exclusive
+
+FILES = {
+    "camera.yaml",
+    "cloud.ply",
+    "config.yaml",
+    "edges.csv",
+    "frames.csv",
+    "graph.g2o",
+    "inliers.npz",
+    "log.txt",
+    "report.html",
+    "summary.json",
+    "trajectory.txt",
+}
+TIMED = {"log.txt", "report.html", "summary.json"}  # they hold seconds
+
+
+def same_bytes(folder, other):
+    """Names of the files that differ, those with seconds in them left out."""
+    return [name for name in sorted(FILES - TIMED) if (folder / name).read_bytes() != (other / name).read_bytes()]
+
+
+def test_every_file_of_the_contract_and_no_other(registered):
+    assert {path.name for path in registered.folder.iterdir()} == FILES
+
+
+def test_summary_leads_back_to_the_recording(registered, recording):
+    summary = json.loads((registered.folder / "summary.json").read_text())
+    assert summary["registered"] == summary["frames"] == FRAMES
+    assert summary["recording"] == str(recording)
+    assert summary["layout"] == "tum"
+    assert {"features", "matching", "edges", "averaging", "refinement", "model"} <= set(summary["timings_s"])
+
+
+def test_log_says_what_was_given_and_what_came_of_it(registered):
+    log = (registered.folder / "log.txt").read_text()
+    for words in ("camera: the sequence's own camera.yaml", "units a metre", "seed: 0", "min_matches: 12", "It worked"):
+        assert words in log
+    assert "It worked" in (registered.folder / "report.html").read_text()
+
+
+def test_table_fits_eighty_columns(registered):
+    lines = registered.stdout.splitlines()
+    assert lines[0] == f"registered  {FRAMES} of {FRAMES} frames"
+    paths = ("results", "report")  # are not broken, so that they can be copied
+    assert max(len(line) for line in lines if not line.startswith(paths) and "/" not in line) <= 80
+    assert any(line.endswith("report.html") for line in lines)
+
+
+def test_notes_go_to_stderr_as_they_come(registered):
+    lines = registered.stderr.splitlines()
+    assert lines[0].endswith(f"layout tum, {FRAMES} frames")
+    assert lines[1] == "camera: the sequence's own camera.yaml"
+    assert lines.index("features ...") < lines.index("matching ...") < lines.index("refinement ...")
+
+
+def test_effective_settings_repeat_the_run(registered, recording, tmp_path):
+    outcome = invoke("register", recording, "-o", tmp_path, "--config", registered.folder / "config.yaml", "-q")
+    assert outcome.exit_code == 0
+    assert outcome.output == ""
+    assert same_bytes(registered.folder, tmp_path) == []
+
+
+def test_settings_on_the_command_line_win(recording, tmp_path):
+    arguments = ("--config", "fast", "--features", "orb", "--set", "features.count=900", "--max-frames", 4)
+    outcome = invoke("register", recording, "-o", tmp_path, *arguments, "--json", "-")
+    assert json.loads(outcome.stdout)["frames"] == 4
+    config = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert config["features"]["type"] == "orb"
+    assert config["features"]["count"] == 900
+    assert config["refine"] == "posegraph"
+
+
+def test_same_bytes_with_two_jobs(registered, recording, tmp_path):
+    done = run_process(
+        "register", recording, "-o", tmp_path / "out", "-j", 2, cwd=tmp_path, MINILOOP_CACHE=tmp_path / "cache"
+    )
+    assert done.returncode == 0, done.stderr
+    assert same_bytes(registered.folder, tmp_path / "out") == []
+
+
+@pytest.mark.parametrize(("stage", "number"), [("features", signal.SIGKILL), ("matches", signal.SIGINT)])
+def test_stopped_in_the_middle_the_same_command_continues(registered, recording, tmp_path, stage, number):
+    cache, output = tmp_path / "cache", tmp_path / "out"
+    arguments = ("register", recording, "-o", output, "-j", 1)
+    process = subprocess.Popen(
+        command(*arguments), cwd=tmp_path, env=environment(MINILOOP_CACHE=cache), stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not list(cache.glob(f"{stage}/*.npz")) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    process.send_signal(number)
+    _, stderr = process.communicate(timeout=60)
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert "the same command continues" in stderr
+        assert not output.exists()
+    else:
+        assert process.returncode == -number
+        assert [path for path in output.iterdir() if not path.name.startswith(".")] == []
+    kept = {path: path.stat().st_ino for path in cache.glob("features/*.npz")}
+    done = run_process(*arguments, cwd=tmp_path, MINILOOP_CACHE=cache)
+    assert done.returncode == 0, done.stderr
+    assert same_bytes(registered.folder, output) == []
+    assert {path.name for path in output.iterdir()} == FILES
+    assert kept
+    assert all(path.stat().st_ino == inode for path, inode in kept.items())
+
+
+def test_two_runs_on_one_folder(recording, tmp_path):
+    with exclusive(tmp_path / "out"):
+        done = run_process("register", recording, "-o", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "in use by another run" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_later_run_leaves_nothing_of_an_earlier_one(registered, recording, tmp_path):
+    (tmp_path / ".trajectory.txt.123.tmp").write_text("what a killed run left")
+    (tmp_path / "trajectory.txt").write_text("old")
+    outcome = invoke("register", recording, "-o", tmp_path, "--max-frames", 5, "-q")
+    assert outcome.exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+    assert (tmp_path / "trajectory.txt").read_text() != "old"
+
+
+def test_export_and_mesh_find_the_recording_and_the_camera(registered, tmp_path):
+    outcome = invoke("export", registered.folder, "--to", "nerfstudio", "-o", tmp_path)
+    assert outcome.exit_code == 0, outcome.output
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    assert len(data["frames"]) == FRAMES
+    assert data["fl_x"] == pytest.approx(262.5)
+
+
+def test_a_recording_that_moved_is_asked_for(registered, tmp_path):
+    moved = tmp_path / "results"
+    moved.mkdir()
+    for name in ("trajectory.txt", "frames.csv", "graph.g2o"):
+        (moved / name).write_bytes((registered.folder / name).read_bytes())
+    (moved / "summary.json").write_text(json.dumps({"recording": str(tmp_path / "gone"), "layout": "tum"}))
+    assert invoke("export", moved, "--to", "tum").exit_code == 0
+    outcome = invoke("export", moved, "--to", "colmap")
+    assert "--sequence" in str(outcome.exception)

@@ -1,0 +1,77 @@
+"""`miniloop config`: what it shows can be used, what it explains is so."""
+
+import json
+
+import pytest
+import yaml
+from command_line import invoke, launch
+
+from miniloop_cli.config import PRESETS, Settings, keys, load_settings
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_what_is_shown_is_what_is_in_effect_and_can_be_given_back(preset, tmp_path):
+    shown = invoke("config", "show", preset).stdout
+    path = tmp_path / "mine.yaml"
+    path.write_text(shown)
+    assert load_settings(path) == load_settings(preset)
+    assert max(len(line) for line in shown.splitlines()) <= 80
+
+
+def test_every_setting_is_shown_with_its_meaning():
+    words = " ".join(invoke("config", "show").stdout.replace("#", " ").split())
+    for key, field in keys().items():
+        assert field.description, key
+        assert " ".join(field.description.replace("#", " ").split()) in words
+
+
+def test_overrides_and_the_default_beside_them():
+    shown = invoke("config", "show", "--set", "features.type=orb").stdout
+    assert yaml.safe_load(shown)["features"]["type"] == "orb"
+    assert "(default rootsift)" in shown
+    assert "(default" not in invoke("config", "show").stdout
+
+
+def test_schema_is_that_of_the_settings():
+    schema = json.loads(invoke("config", "schema").stdout)
+    assert schema == Settings.model_json_schema()
+    assert schema["additionalProperties"] is False
+
+
+def test_explain_one_setting():
+    text = invoke("config", "explain", "matching.ratio").stdout
+    field = keys()["matching.ratio"]
+    assert text.splitlines()[0] == "matching.ratio"
+    assert field.description in " ".join(text.split())
+    assert f"default  {field.default}" in text
+    assert "number, above 0, at most 1" in text
+
+
+def test_explain_choices_and_presets():
+    text = invoke("config", "explain", "features.type").stdout
+    assert "allowed  rootsift, sift, orb, surf, akaze, brisk" in text
+    assert "paper surf" in text
+
+
+def test_explain_every_setting_and_section():
+    for key in keys():
+        assert invoke("config", "explain", key).exit_code == 0
+    section = invoke("config", "explain", "ransac").stdout
+    assert [line for line in section.splitlines() if line and not line.startswith(" ")] == [
+        key for key in keys() if key.startswith("ransac.")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("key", "near"),
+    [
+        ("features.cuont", "features.count"),
+        ("treshold_m", "ransac.threshold_m"),
+        ("refin", "refine"),
+        ("zzzz", "config show"),
+    ],
+)
+def test_misspelt_keys_are_answered(key, near):
+    done = launch("config", "explain", key)
+    assert done.returncode == 1
+    assert near in done.stderr
