@@ -37,6 +37,8 @@ Floats = NDArray[np.float64]
 CALIBRATION_OBSERVATIONS = 60_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
 MOST_S = 0.1  # no sensor is that late
+MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
+FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
 NO_TIMING = Timing()
 
 
@@ -175,7 +177,7 @@ def calibrate(
     plain = _adjust(T, part, scans.camera, rough, jobs)
     times, before = np.zeros(2), None
     result, cost = plain, plain.descent.cost_after
-    for _ in range(3):
+    for _ in range(MOST_STEPS):
         px, z_m = _undone_at(times, result, part, scans, known)
         result = _adjust(result.T_world_cam, part, scans.camera, rough, jobs, px, z_m)
         cost = result.descent.cost_after
@@ -185,15 +187,19 @@ def calibrate(
             part, moving, result.residual_px, result.residual_depth, result.weight_px, result.weight_depth,
             rough.sigma_px, sigma_z,
         )  # fmt: skip
+        curvature *= FOLLOWING
         if before is not None:
             secant = (gradient - before[1]) / np.where(times == before[0], np.inf, times - before[0])
-            curvature = np.where(secant > 0.05 * curvature, secant, curvature)
+            curvature = np.where(secant > 0.3 * curvature, secant, curvature)
         before = (times, gradient)
-        times = times - gradient / np.maximum(curvature, 1e-12)
+        step = np.clip(-gradient / np.maximum(curvature, 1e-12), -LONGEST_STEP_S, LONGEST_STEP_S)
+        times = times + step
+        if np.abs(step).max() < SETTLED_S:
+            break
     gained = 1 - cost / plain.descent.cost_after
     if gained < LEAST_GAIN or not (np.abs(times) < MOST_S).all():
         return NO_TIMING, plain.T_world_cam
-    return Timing(*times), result.T_world_cam
+    return Timing(float(times[0]), float(times[1])), result.T_world_cam
 
 
 def _undone_at(

@@ -81,6 +81,8 @@ def summary(run: Registration) -> dict[str, Any]:
         "verdicts": dict(sorted(Counter(edge.verdict for edge in run.edges).items())),
         "cycles": covered | {"pairwise": solvers.get("pairwise", 0)},
         "camera": run.sequence.camera.source,
+        "rolling_shutter_s": round(run.timing.readout_s, 5),
+        "depth_lag_s": round(run.timing.lag_s, 5),
         "notes": list(run.sequence.notes),
         "timings_s": run.timings_s,
         "seed": run.seed,

@@ -96,16 +96,18 @@ def flow(measured: Measurements, depth_m: Floats, v: Floats, w: Floats, camera: 
 def corrected(measured: Measurements, moving: Flow, timing: Timing) -> tuple[Floats, Floats]:
     """Pixels (k, 2) and depths (k,) as if the whole frame had been taken at its colour stamp's middle row.
 
-    A depth taken d seconds late was read on the surface at the pixel the point had moved to, px + d flow, and has
-    changed by d z' itself: z(now) = z + d (slope . flow - z').
+    The pixel was measured at the time e of its row, the depth there d later: infrared cameras roll as colour cameras
+    do. By then the point had moved on by d flow, and its depth had changed by (d + e) z' since the stamp:
+    z(stamp) = z + d slope . flow - (d + e) z'.
     """
-    px = measured.px_ideal - (timing.readout_s * measured.row_share)[:, None] * moving.px
-    late = measured.stamp_lag_s + timing.lag_s
-    return px, measured.z_m + late * _depth_rate(measured, moving)
+    row_s, late_s = timing.readout_s * measured.row_share, measured.stamp_lag_s + timing.lag_s
+    z = measured.z_m + late_s * _along_surface(measured, moving) - (late_s + row_s) * moving.z
+    return measured.px_ideal - row_s[:, None] * moving.px, z
 
 
-def _depth_rate(measured: Measurements, moving: Flow) -> Floats:
-    return np.einsum("ki,ki->k", measured.slope, moving.px) - moving.z
+def _along_surface(measured: Measurements, moving: Flow) -> Floats:
+    """Change of the depth read (k,) m/s, where the image moves over the surface."""
+    return np.einsum("ki,ki->k", measured.slope, moving.px)
 
 
 def slopes(
@@ -123,16 +125,24 @@ def slopes(
     Residuals are predicted minus measured, in sigmas. At a minimum over poses and points the derivatives are total:
     what those would gain by following vanishes to first order.
     """
-    by_readout = moving.px * measured.row_share[:, None] / sigma_px
-    by_lag = np.where(np.isfinite(residual_depth), -_depth_rate(measured, moving) / sigma_z_m, 0.0)
-    r_z = np.nan_to_num(residual_depth)
+    along = _along_surface(measured, moving)
+    with_depth = np.isfinite(residual_depth)
+    px_by_readout = moving.px * measured.row_share[:, None] / sigma_px
+    z_by_readout = np.where(with_depth, measured.row_share * moving.z / sigma_z_m, 0.0)
+    z_by_lag = np.where(with_depth, (moving.z - along) / sigma_z_m, 0.0)
+    r_px, r_z = np.nan_to_num(residual_px), np.nan_to_num(residual_depth)
     gradient = np.array(
         [
-            (weight_px[:, None] * np.nan_to_num(residual_px) * by_readout).sum(),
-            (weight_depth * r_z * by_lag).sum(),
+            (weight_px * (r_px * px_by_readout).sum(axis=1) + weight_depth * r_z * z_by_readout).sum(),
+            (weight_depth * r_z * z_by_lag).sum(),
         ]
     )
-    curvature = np.array([(weight_px[:, None] * by_readout**2).sum(), (weight_depth * by_lag**2).sum()])
+    curvature = np.array(
+        [
+            (weight_px * (px_by_readout**2).sum(axis=1) + weight_depth * z_by_readout**2).sum(),
+            (weight_depth * z_by_lag**2).sum(),
+        ]
+    )
     return gradient, curvature
 
 

@@ -1,0 +1,120 @@
+"""Rolling shutter and depth lag: undone where they were put in, found from the measurements, left alone otherwise."""
+
+import numpy as np
+import pytest
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.refine import NO_TIMING, Scans, calibrate
+from miniloop_cli.refinement.bundle import BundleSettings
+from miniloop_cli.refinement.timing import Measurements, Timing, camera_depths, corrected, flow, twists
+from miniloop_cli.scans.camera import Camera
+
+CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
+STAMPS_S = 100 + np.arange(25) / 5
+
+
+def pose_at(t_s):
+    """A smooth hand-held path: camera to world at times (n,) s."""
+    w = np.stack([0.12 * np.sin(1.9 * t_s), 0.2 * np.sin(1.3 * t_s + 1), 0.1 * np.sin(2.3 * t_s)], axis=1)
+    c = np.stack([0.3 * np.sin(1.1 * t_s), 0.2 * np.sin(1.7 * t_s + 2), 0.15 * np.cos(1.3 * t_s)], axis=1)
+    return se3.pose(se3.exp_so3(w), c)
+
+
+def wall_depth(x, y):
+    """Depth of the scene, a gently curved wall, over world x and y."""
+    return 2.2 + 0.35 * x - 0.5 * y + 0.15 * x * x
+
+
+def seen(t_s, X):
+    """Pixels (k, 2) and depths (k,) of world points X (k, 3) at times (k,)."""
+    p = np.einsum("kij,kj->ki", se3.inverse(pose_at(t_s))[:, :3, :3], X) + se3.inverse(pose_at(t_s))[:, :3, 3]
+    return CAMERA.project(p), p[:, 2]
+
+
+def depth_read(t_s, px):
+    """What a depth camera reads at pixels (k, 2) at times (k,): the ray's meeting with the wall."""
+    T = pose_at(t_s)
+    ray = np.einsum("kij,kj->ki", T[:, :3, :3], CAMERA.backproject(px, np.ones(len(px))))
+    z = np.full(len(px), 2.2)
+    for _ in range(60):
+        X = T[:, :3, 3] + ray * z[:, None]
+        z -= 0.7 * (X[:, 2] - wall_depth(X[:, 0], X[:, 1]))
+    return z
+
+
+def recording(readout_s, lag_s, rng, noise_px=0.3, points=700):
+    """Measurements of random wall points by a camera whose rows and depth come late."""
+    xy = rng.uniform(-1.6, 1.6, (points, 2))
+    X = np.column_stack([xy, wall_depth(*xy.T)])
+    frame, track = (k.ravel() for k in np.meshgrid(np.arange(len(STAMPS_S)), np.arange(points), indexing="ij"))
+    t = STAMPS_S[frame]
+    px, _ = seen(t, X[track])
+    for _ in range(5):  # the row decides the time, the time decides the row
+        px, _ = seen(t + readout_s * (px[:, 1] - 239.5) / 480, X[track])
+    inside = (px >= 20).all(axis=1) & (px[:, 0] < 620) & (px[:, 1] < 460)
+    frame, track, t, px = frame[inside], track[inside], t[inside], px[inside]
+    stamp_lag_s = rng.uniform(-0.015, 0.015, len(STAMPS_S))[frame]
+    late = t + readout_s * (px[:, 1] - 239.5) / 480 + stamp_lag_s + lag_s
+    z = depth_read(late, px)
+    step = 4 * np.eye(2)
+    slope = np.stack([(depth_read(late, px + d) - depth_read(late, px - d)) / 8 for d in step], axis=1)
+    z += 0.25 * CAMERA.noise.sigma_m(z) * rng.normal(size=len(z))
+    row_share = (px[:, 1] - 239.5) / 480
+    px = px + noise_px * rng.normal(size=px.shape)
+    return Measurements(frame, track, row_share, px, z, slope, stamp_lag_s), X
+
+
+def test_twists_are_the_derivatives_of_the_path():
+    v, w = twists(pose_at(STAMPS_S), STAMPS_S, np.ones(len(STAMPS_S), bool))
+    h = 1e-4
+    before, now, after = pose_at(STAMPS_S - h), pose_at(STAMPS_S), pose_at(STAMPS_S + h)
+    v_true = np.einsum("nji,nj->ni", now[:, :3, :3], (after - before)[:, :3, 3] / (2 * h))
+    w_true = se3.log_so3(np.swapaxes(before[:, :3, :3], 1, 2) @ after[:, :3, :3]) / (2 * h)
+    assert np.abs(v - v_true)[2:-2].max() < 0.01
+    assert np.abs(w - w_true)[2:-2].max() < 0.01
+
+
+def test_no_motion_is_claimed_across_gaps_or_for_unknown_poses():
+    stamps = STAMPS_S.copy()
+    stamps[10:] += 60
+    known = np.ones(25, bool)
+    known[20:] = False
+    v, _ = twists(pose_at(STAMPS_S), stamps, known)
+    assert np.abs(v[20:]).max() == 0
+    assert np.abs(v[:20]).max() < 1  # a spline across the gap would claim otherwise
+
+
+def test_what_was_put_in_is_undone():
+    measured, X = recording(0.025, -0.02, np.random.default_rng(0), noise_px=0)
+    T = pose_at(STAMPS_S)
+    v, w = twists(T, STAMPS_S, np.ones(25, bool))
+    moving = flow(measured, camera_depths(measured, T, X), v, w, CAMERA)
+    px, z = corrected(measured, moving, Timing(0.025, -0.02))
+    px_true, z_true = seen(STAMPS_S[measured.frame], X[measured.track])
+    middle = (measured.frame > 2) & (measured.frame < 22)
+    before = np.linalg.norm(measured.px_ideal - px_true, axis=1)[middle]
+    after = np.linalg.norm(px - px_true, axis=1)[middle]
+    assert np.median(before) > 0.4
+    assert np.median(after) < 0.1 * np.median(before)
+    assert np.median(np.abs(z - z_true)[middle]) < 0.5 * np.median(np.abs(measured.z_m - z_true)[middle])
+
+
+@pytest.mark.parametrize(("readout_s", "lag_s"), [(0.02, -0.02), (0.03, 0.015), (0.0, -0.03)])
+def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
+    measured, _ = recording(readout_s, lag_s, np.random.default_rng(1))
+    scans = Scans([], [], STAMPS_S, STAMPS_S, CAMERA)
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    timing, T = calibrate(pose_at(STAMPS_S), measured, scans, np.ones(25, bool), rough, 1)
+    assert timing.readout_s == pytest.approx(readout_s, abs=0.003)
+    assert timing.lag_s == pytest.approx(lag_s, abs=0.003)
+    assert T.shape == (25, 4, 4)
+
+
+def test_a_camera_without_either_is_left_alone():
+    measured, _ = recording(0.0, 0.0, np.random.default_rng(2))
+    still = Measurements(*(getattr(measured, n) for n in list(measured.__dataclass_fields__)[:-1]), 0 * measured.z_m)
+    scans = Scans([], [], STAMPS_S, STAMPS_S, CAMERA)
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    timing, _ = calibrate(pose_at(STAMPS_S), still, scans, np.ones(25, bool), rough, 1)
+    assert abs(timing.readout_s) < 0.002
+    assert timing == NO_TIMING or abs(timing.lag_s) < 0.017  # the stamps said up to 15 ms and were not believed
