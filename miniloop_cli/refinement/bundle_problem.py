@@ -38,6 +38,7 @@ class Bundle:
         self.pairs = np.concatenate([np.argwhere(together), edges.pairs])
         self.idle = np.bincount(self.pairs.ravel(), minlength=n) == 0
         self.system = BlockSystem(self.idle, self.pairs)
+        self._has_edges = len(edges.i) > 0  # without them their kernels need not be compiled
         self._table, self._block = self.system.table(), self.system.block_of(edges.i, edges.j)
         # Tracks are cut where the work (the square of the length) is even.
         length = np.diff(obs.start)
@@ -68,7 +69,7 @@ class Bundle:
         for more_S, more_g, more_cost in parts[1:]:
             S, g, cost = S + more_S, g + more_g, cost + more_cost
         self._mirror(S)
-        return S, g, cost + add_edges(self.edges, self._block, self.R, self.t, damping, S, g)
+        return S, g, cost + self._add_edges(damping, S, g)
 
     def evaluate(self) -> tuple[Array, Array]:
         """Whitened residuals (k, 3) and robust weights (k, 2) of all observations."""
@@ -92,7 +93,7 @@ class Bundle:
         B = np.zeros_like(H)
         add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
         self._mirror(B)
-        add_edges(self.edges, self._block, self.R, self.t, 0.0, B, np.zeros((len(self.R), 6)))
+        self._add_edges(0.0, B, np.zeros((len(self.R), 6)))
         free, d = np.flatnonzero(~held)[:, None], np.arange(6)
         ratio = np.max(B[free, d, d] / H[free, d, d], initial=1e-12)
         tie = _TIE * H[free, d, d]
@@ -136,7 +137,11 @@ class Bundle:
             old = (self.R, self.t, self.X)
             return step_tracks(low, high, self.obs, self.model, *old, damping, step, R, t, X)
 
-        return sum(self._in_chunks(chunk)) + evaluate_edges(self.edges, R, t, *np.empty((2, len(self.edges.i))))
+        cost = sum(self._in_chunks(chunk))
+        return cost + evaluate_edges(self.edges, R, t, *np.empty((2, len(self.edges.i)))) if self._has_edges else cost
+
+    def _add_edges(self, damping: float, S: Array, g: Array) -> float:
+        return add_edges(self.edges, self._block, self.R, self.t, damping, S, g) if self._has_edges else 0.0
 
     def _mirror(self, S: Array) -> None:
         diagonal = S[: len(self.R)]
