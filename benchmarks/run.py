@@ -1,0 +1,144 @@
+"""miniloop and others on the same frames, one after the other, each in a process of its own; writes BENCHMARK.md.
+
+    pip install -e '.[bench]'
+    scripts/fetch_tum.sh --subset 100 freiburg1_xyz freiburg1_desk
+    python benchmarks/run.py data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100
+
+With --part only the named parts are measured again; the others keep what the results folder holds of them. Part
+"scaling" (simulated recordings of 100 to 2000 frames) is measured only when it is named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+AVERAGING = (
+    ["--scans", "1000", "--edges", "5000", "--outliers", "0.05", "--peers"],
+    ["--scans", "10000", "--edges", "50000", "--outliers", "0.05", "--peers"],
+    ["--scans", "10000", "--edges", "50000", "--outliers", "0.1", "--kind", "expander", "--peers"],
+    ["--scans", "100000", "--edges", "500000", "--outliers", "0.05"],
+)
+SIMULATED_FRAMES = (100, 300, 1000, 2000)
+ON_DEMAND = ("scaling",)  # takes hours
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command that leaves `out`.json, run and measured as a whole."""
+
+    part: str
+    out: Path
+    command: list[str]
+
+
+def script(name: str, sequence: Path, out: Path, *more: str) -> list[str]:
+    """The command line of a script of this folder."""
+    return [sys.executable, str(HERE / f"{name}.py"), str(sequence), str(out), *more]
+
+
+def bench(out: Path, *arguments: str) -> list[str]:
+    """The command line of a `miniloop bench`."""
+    command = [sys.executable, "-m", "miniloop_cli", "bench", *arguments]
+    return [*command, "-o", str(out), "-q", "--json", str(out.with_suffix(".json"))]
+
+
+def edge_list(sequence: Path) -> Path:
+    """The list of edges that relative errors are measured on."""
+    return HERE / "edges" / f"{sequence.name}.txt"
+
+
+def jobs(sequences: list[Path], results: Path) -> list[Job]:
+    """All jobs in order. A first, short run compiles what is compiled and is not reported."""
+    found = [
+        Job(
+            "warm-up",
+            results / "warm-up",
+            script("miniloop_run", sequences[0], results / "warm-up", "--max-frames", "12"),
+        )
+    ]
+    for sequence in sequences:
+        folder = results / sequence.name
+
+        def add(part: str, name: str, *more: str, sequence: Path = sequence, folder: Path = folder) -> None:
+            found.append(Job(part, folder / part, script(name, sequence, folder / part, *more)))
+
+        add("miniloop", "miniloop_run")
+        add("miniloop-seed1", "miniloop_run", "--seed", "1")
+        add("miniloop-seed2", "miniloop_run", "--seed", "2")
+        add("miniloop-fast", "miniloop_run", "--config", "fast")
+        add("miniloop-paper", "miniloop_run", "--config", "paper")
+        add("open3d", "open3d_multiway")
+        add("pycolmap", "pycolmap_sfm")
+        add("same-poses", "same_poses")
+        add("matching", "matching")
+        edges = ["--edges", str(edge_list(sequence))] if edge_list(sequence).is_file() else []
+        out = folder / "ablation"
+        found.append(Job("ablation", out, bench(out, "ablation", str(sequence), *edges)))
+    for k, arguments in enumerate(AVERAGING):
+        found.append(
+            Job("averaging", results / f"averaging-{k}", bench(results / f"averaging-{k}", "averaging", *arguments))
+        )
+    for frames in SIMULATED_FRAMES:
+        out, sequence = results / f"scaling-{frames}", results / f"simulated_{frames}"
+        found.append(Job("scaling", out, script("miniloop_run", sequence, out)))
+    return found
+
+
+def measure(job: Job) -> None:
+    """Run a job; its seconds and largest resident memory go to <out>.usage.json, what it says to <out>.log."""
+    job.out.parent.mkdir(parents=True, exist_ok=True)
+    for suffix in (".json", ".txt", ".usage.json"):
+        job.out.with_suffix(suffix).unlink(missing_ok=True)
+    # Threads that wait for each other shall sleep, not spin: spinning would be counted as work.
+    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONPATH": str(HERE.parent)}
+    load, begin = os.getloadavg()[0], time.perf_counter()
+    with job.out.with_suffix(".log").open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(job.command, stdout=log, stderr=log, env=environment)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    peak = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    numbers = {"wall": time.perf_counter() - begin, "cpu": usage.ru_utime + usage.ru_stime, "peak_mb": peak}
+    numbers |= {"load_before": load, "status": process.returncode}
+    job.out.with_suffix(".usage.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    done = "done" if process.returncode == 0 else f"FAILED, see {job.out.with_suffix('.log')}"
+    print(f"{job.out}: {done}, {numbers['wall']:.0f} s, CPU {numbers['cpu']:.0f} s", file=sys.stderr, flush=True)
+
+
+def simulate(job: Job) -> None:
+    """The recording that a job of part "scaling" registers, made where it is missing."""
+    frames = job.out.name.split("-")[1]
+    folder = job.out.with_name(f"simulated_{frames}")
+    if not folder.exists():
+        options = ["--frames", frames, "--path", "random-walk", "--width", "320", "--height", "240"]
+        subprocess.run([sys.executable, "-m", "miniloop_cli", "simulate", str(folder), *options, "-q"], check=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sequences", nargs="+", type=Path)
+    parser.add_argument("--results", type=Path, default=Path("results/benchmark"), help="what was measured")
+    parser.add_argument("--part", action="append", help="measure only this part again (may be repeated)")
+    parser.add_argument("--without", action="append", default=[], help="leave this part out (may be repeated)")
+    parser.add_argument("-o", "--output", type=Path, default=HERE.parent / "BENCHMARK.md")
+    options = parser.parse_args()
+    for job in jobs([path.resolve() for path in options.sequences], options.results.resolve()):
+        wanted = job.part in options.part if options.part else job.part not in (*ON_DEMAND, *options.without)
+        if wanted or job.part == "warm-up":
+            if job.part == "scaling":
+                simulate(job)
+            measure(job)
+    from report import write  # late: what the parent has imported counts in the memory of its children
+
+    write(options.sequences, options.results, options.output)
+
+
+if __name__ == "__main__":
+    main()
