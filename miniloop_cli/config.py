@@ -98,6 +98,9 @@ class Averaging(Section):
     translation_scale_m: float = Field(0.03, gt=0, description="Scale of the translation reweighting (m).")
     max_residual_deg: float = Field(5.0, gt=0, description="An edge farther off than this is dropped (degrees).")
     max_residual_m: float = Field(0.10, gt=0, description="An edge farther off than this is dropped (m).")
+    min_alike: float = Field(
+        0.4, ge=0, lt=1, description="Share of what two scans both see that must look alike in both; 0: not checked."
+    )
 
 
 class Bundle(Section):

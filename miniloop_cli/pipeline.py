@@ -22,7 +22,9 @@ from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progr
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
+from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.retrieval import STRONGEST, around
+from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, average
 from miniloop_cli.refine import Scans, refine
@@ -82,10 +84,12 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
         edges_key = fingerprint(matches_key, [section.model_dump() for section in solving], seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
     with watch.stage("averaging"):
-        poses, edges = average(edges, count, settings.averaging)
+        steps = steps_m(features, points, sequence.camera.width, settings, workers)
+        witness = Witness([scan.view for scan in scans], points, steps, sequence.camera)
+        poses, edges = average(edges, count, settings.averaging, witness)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
-            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, watch.seconds)
+            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds)
             raise RegistrationError(_why_nothing(scans, edges, settings), run)
     with watch.stage("refinement"):
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
@@ -127,7 +131,7 @@ def _match(
 def _why_nothing(scans: list[ExtractedScan], edges: list[Edge], settings: Settings) -> str:
     """One line for a sequence in which no two scans could be registered."""
     unreadable = sum(bool(scan.problem) for scan in scans)
-    if unreadable > len(scans) - 2:
+    if unreadable and unreadable > len(scans) - 2:
         first = next(scan.problem for scan in scans if scan.problem)
         return f"{unreadable} of {len(scans)} frames cannot be read (first: {first})"
     if len(scans) < 2:
@@ -138,6 +142,9 @@ def _why_nothing(scans: list[ExtractedScan], edges: list[Edge], settings: Settin
             f"no scan was registered: half of the frames have at most {with_depth:.0f} features with depth; "
             "look at the images (blur, exposure, texture) and at the depth range (depth.min_m, depth.max_m)"
         )
+    best = max(edges, key=lambda edge: edge.inlier_count, default=None)
+    if best is not None and best.inlier_count >= settings.verification.min_inliers:
+        return f"no scan was registered: none of {len(edges)} overlaps was believed (the best one: {best.reason})"
     return (
         f"no scan was registered: {len(edges)} of {len(scans) * (len(scans) - 1) // 2} pairs have "
         f"{settings.matching.min_matches} or more matches and none was verified; do the scans overlap, and is the "

@@ -1,4 +1,9 @@
-"""From verified edges to one pose a scan: gate the edges, average the motions, drop what contradicts the result."""
+"""From verified edges to one pose a scan: gate the edges, average the motions, drop what contradicts the result.
+
+Inliers alone do not make an edge true: places look alike, patterns repeat, things move. So the edges are examined
+three times: by what else their scans show, before averaging; by what all edges agree on, in averaging; and by what
+scans show that came to lie over each other, afterwards.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +19,11 @@ from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.graph.witness import Witness, share
 
 Floats = NDArray[np.float64]
 FEW_EDGES = 3  # a scan that hangs on fewer verified edges may use its weak ones
+MIN_WORLD = 0.6  # share of all that the scans of a component see twice that must look alike: else it is not one world
 
 
 @dataclass(frozen=True)
@@ -42,20 +49,76 @@ def used(edges: Sequence[Edge], count: int) -> list[Edge]:
     return [e for e in edges if e.verdict == VERIFIED or (e.verdict == WEAK and (few[e.i] or few[e.j]))]
 
 
-def average(edges: Sequence[Edge], count: int, settings: Averaging) -> tuple[Poses, list[Edge]]:
-    """Poses of all scans by motion averaging, and the edges with those that contradict the result rejected.
+def average(
+    edges: Sequence[Edge], count: int, settings: Averaging, witness: Witness | None = None
+) -> tuple[Poses, list[Edge]]:
+    """Poses of all scans by motion averaging, and the edges, those that were found false rejected with the reason.
 
-    Dropping edges changes the result, so averaging is repeated until none is dropped (at most three times).
+    Dropping edges changes the result, so averaging is repeated until none is dropped (at most four times).
     """
-    edges = list(edges)
-    for _ in range(3):
+    witness = witness if settings.min_alike > 0 else None
+    edges = examined(edges, witness, settings.min_alike) if witness else list(edges)
+    for _ in range(4):
         poses = _average_components(used(edges, count), count, settings)
         judged = [_against(edge, poses, settings) for edge in edges]
-        changed = any(a.verdict != b.verdict for a, b in zip(edges, judged, strict=True))
+        if witness and not _changed(edges, judged):
+            judged = _looked_at(judged, poses, witness, settings.min_alike)
+        if not _changed(edges, judged):
+            return poses, judged
         edges = judged
-        if not changed:
-            break
-    return _average_components(used(edges, count), count, settings) if changed else poses, edges
+    return _average_components(used(edges, count), count, settings), edges
+
+
+def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[Edge]:
+    """The edges, those rejected that what their scans show speaks against, and those that it cannot confirm."""
+    open_edges = [edge for edge in edges if edge.verdict != REJECTED]
+    T = np.array([edge.T_j_i for edge in open_edges]).reshape(-1, 4, 4)
+    alike = dict(zip(map(id, open_edges), share(witness.says([(e.i, e.j) for e in open_edges], T)), strict=True))
+
+    def judge(edge: Edge) -> Edge:
+        if edge.verdict == REJECTED:
+            return edge
+        step = min(witness.step_m[edge.i], witness.step_m[edge.j])
+        if step > 0:
+            return rejected(edge, f"both scans repeat themselves (every {step:.2f} m): it may be another part")
+        if alike[id(edge)] < min_alike:
+            return rejected(edge, f"only {100 * alike[id(edge)]:.0f} % of what both scans see looks alike")
+        return edge
+
+    return [judge(edge) for edge in edges]
+
+
+def rejected(edge: Edge, reason: str) -> Edge:
+    """The edge, rejected for a reason; the one it was rejected for before stands."""
+    return edge if edge.verdict == REJECTED else replace(edge, verdict=REJECTED, reason=reason)
+
+
+def _changed(before: Sequence[Edge], after: Sequence[Edge]) -> bool:
+    return any(a.verdict != b.verdict for a, b in zip(before, after, strict=True))
+
+
+def _looked_at(edges: Sequence[Edge], poses: Poses, witness: Witness, min_alike: float) -> list[Edge]:
+    """The edges, those rejected whose scans, by their poses, lie over others that look different.
+
+    If that is true of a whole component, its edges follow something that moves, or a pattern; if it is true of a scan,
+    the edges of this scan are wrong.
+    """
+    reason: dict[int, str] = {}
+    for component in range(poses.component.max(initial=-1) + 1):
+        scans = np.flatnonzero(poses.component == component)
+        pairs, T_j_i = witness.neighbours(poses.T_world_cam, scans)
+        said = witness.says(pairs, T_j_i)
+        if share(said.sum(axis=0)) < MIN_WORLD:
+            part = f"{100 * share(said.sum(axis=0)):.0f} % of what {len(scans)} scans see twice looks alike"
+            reason |= dict.fromkeys(scans.tolist(), f"only {part}: something moves, or places were confused")
+            continue
+        of_scan = np.zeros((len(poses.component), 2), np.int64)
+        for pair, row in zip(pairs, said, strict=True):
+            of_scan[list(pair)] += row
+        for scan in scans[share(of_scan[scans]) < min_alike]:
+            part = f"{100 * share(of_scan[scan]):.0f} % of what it shares with its neighbours looks alike"
+            reason[int(scan)] = f"scan {scan}: only {part}"
+    return [rejected(e, reason.get(e.i) or reason[e.j]) if {e.i, e.j} & reason.keys() else e for e in edges]
 
 
 def components(edges: Sequence[Edge], count: int) -> list[list[int]]:
@@ -128,4 +191,4 @@ def _against(edge: Edge, poses: Poses, settings: Averaging) -> Edge:
     (angle,), (distance,) = residuals([edge], poses.T_world_cam)
     if angle <= settings.max_residual_deg and distance <= settings.max_residual_m:
         return edge
-    return replace(edge, verdict=REJECTED, reason=f"contradicts the others by {angle:.1f} deg, {100 * distance:.0f} cm")
+    return rejected(edge, f"contradicts the others by {angle:.1f} deg, {100 * distance:.0f} cm")

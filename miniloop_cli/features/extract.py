@@ -11,6 +11,7 @@ from miniloop_cli.artefacts import Store, file_fingerprint, fingerprint
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.lift import ScanFeatures, scan_features
+from miniloop_cli.features.view import View, make_view
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans import read_scan
 from miniloop_cli.scans.sequence import Sequence
@@ -18,9 +19,13 @@ from miniloop_cli.scans.sequence import Sequence
 
 @dataclass(frozen=True)
 class ExtractedScan:
-    """Features of one scan and what the report says of its frame. `problem`: why it could not be used, or ""."""
+    """Features of one scan, its small picture, and what the report says of its frame.
+
+    `problem`: why it could not be used, or ""; then there is no `view`.
+    """
 
     features: ScanFeatures
+    view: View | None
     depth_valid_share: float
     median_depth_m: float
     key: str
@@ -28,7 +33,7 @@ class ExtractedScan:
 
 
 NOTHING = ScanFeatures(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
-COLUMNS = [column.name for column in fields(ScanFeatures)]
+COLUMNS, PICTURES = ([column.name for column in fields(kind)] for kind in (ScanFeatures, View))
 
 
 def extract(sequence: Sequence, settings: Settings, store: Store, workers: Workers) -> Iterator[ExtractedScan]:
@@ -48,14 +53,18 @@ def extract_scan(sequence: Sequence, index: int, settings: Settings, store: Stor
         try:
             scan = read_scan(sequence, index)
         except InputError as error:
-            return ExtractedScan(NOTHING, 0.0, 0.0, key, str(error))
+            return ExtractedScan(NOTHING, None, 0.0, 0.0, key, str(error))
         found = scan_features(scan, sequence.camera, settings.features, settings.depth)
         readings = scan.depth_m[scan.depth_m > 0]
         depth = np.array([len(readings) / scan.depth_m.size, np.median(readings) if len(readings) else 0.0])
+        view = make_view(scan, sequence.camera, settings.depth)
         kept = {name: getattr(found, name) for name in COLUMNS} | {"depth": depth}
+        kept |= {f"view_{name}": getattr(view, name) for name in PICTURES}
         store.save("features", key, kept)
     found = ScanFeatures(*(kept[name] for name in COLUMNS))
-    return ExtractedScan(found, float(kept["depth"][0]), float(kept["depth"][1]), key)
+    return ExtractedScan(
+        found, View(*(kept[f"view_{name}"] for name in PICTURES)), float(kept["depth"][0]), float(kept["depth"][1]), key
+    )
 
 
 def _key(sequence: Sequence, index: int, settings: Settings) -> str:

@@ -1,0 +1,54 @@
+"""What is known of the scans beside their matches, to be asked about relative poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.features.view import View
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.alike import agreement
+from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.graph.visibility import partners
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+PARTNERS = 5  # scans that each scan of a result is compared with
+MIN_EVIDENCE = 100  # cells; fewer say nothing
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Pictures of the scans, their points and camera; `step_m` (n,): repetition of each (m), 0 if there is none.
+
+    Scans that could not be read have no view.
+    """
+
+    views: Sequence[View | None]
+    points: Sequence[ScanPoints]
+    step_m: Sequence[float]
+    camera: Camera
+
+    def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> NDArray[np.int64]:
+        """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
+        found = np.zeros((len(pairs), 2), np.int64)
+        for row, (i, j), T in zip(found, pairs, T_j_i, strict=True):
+            a, b = self.views[i], self.views[j]
+            if a is not None and b is not None:
+                row[:] = agreement(a, b, T, self.camera)
+        return found
+
+    def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
+        """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
+        pairs = partners(T_world_cam, scans, self.points, self.camera, PARTNERS)
+        i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+        return pairs, se3.inverse(T_world_cam[j]) @ T_world_cam[i]
+
+
+def share(said: NDArray[np.int64]) -> Floats:
+    """(..., 2) cells for and against to the share (...) that is for; 1 where there is too little evidence."""
+    total = said.sum(axis=-1)
+    return np.where(total < MIN_EVIDENCE, 1.0, said[..., 0] / np.maximum(total, 1))
