@@ -196,8 +196,8 @@ def calibrate(
         times = times + step
         if np.abs(step).max() < SETTLED_S:
             break
-    gained = 1 - cost / plain.descent.cost_after
-    if gained < LEAST_GAIN or not (np.abs(times) < MOST_S).all():
+    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
+    if not cost < least or not (np.abs(times) < MOST_S).all():
         return NO_TIMING, plain.T_world_cam
     return Timing(float(times[0]), float(times[1])), result.T_world_cam
 
