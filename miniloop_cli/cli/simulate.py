@@ -28,6 +28,7 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 @click.option("--blur", type=float, default=0.0, show_default=True, help="Exposure time, for motion blur (s).")
 @click.option("--rolling-shutter", type=float, default=0.0, show_default=True, help="First to last row (s).")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Frames a second.")
+@click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
 @options.seed
 @options.quiet
@@ -46,6 +47,7 @@ def simulate(
     blur: float,
     rolling_shutter: float,
     rate: float,
+    focal: float | None,
     overwrite: bool,
     seed: int,
     quiet: bool,
@@ -78,6 +80,7 @@ def simulate(
         blur_s=blur,
         rolling_shutter_s=rolling_shutter,
         rate_hz=rate,
+        focal_px=focal,
     )
     if not quiet:
         click.echo(f"{frames} frames with ground truth in {done}; next: miniloop register {folder}", err=True)

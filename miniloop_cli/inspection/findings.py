@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+FEW = 150  # features with depth a frame
 LEVELS = ("problem", "warning", "note")
 Numbers = dict[str, Any]
 
@@ -81,7 +82,7 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
             "warning", "dark", f"the images are dark (mean grey level {images['brightness']:.0f} of 255)",
             "add light or raise the exposure; try --set features.contrast=0.01",
         )  # fmt: skip
-    if images["blurred"] > 0.3:
+    if images["blurred"] > 0.3 and numbers.get("features", {}).get("with_depth", 0) >= FEW:  # else it is the noise
         yield Finding(
             "warning", "blur", f"{100 * images['blurred']:.0f} % of the frames are much less sharp than the others",
             "move more slowly or shorten the exposure",
@@ -97,7 +98,7 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _features(numbers: Numbers) -> Iterator[Finding]:
-    if "features" in numbers and numbers["features"]["with_depth"] < 150:
+    if "features" in numbers and numbers["features"]["with_depth"] < FEW:
         yield Finding(
             "problem" if numbers["features"]["with_depth"] < 40 else "warning",
             "few-features",
@@ -159,12 +160,12 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
         )  # fmt: skip
     elif kind == "unknown":
         yield Finding(
-            "note", "registration-unknown", "whether depth is registered to colour cannot be seen: few depth edges",
+            "note", "registration-unknown", "whether depth is registered to colour cannot be told from these images",
             "no need to act; a scene with things in front of others would show it",
         )  # fmt: skip
     odd = (numbers.get("explained") or {}).get("odd_frames") or []
     if kind in ("registered", "unknown") and explained is not None:
-        if odd and explained > 0.6:
+        if odd and explained > 0.6 and not numbers.get("focal", {}).get("contradicts"):
             some = ", ".join(map(str, odd[:8])) + (", ..." if len(odd) > 8 else "")
             yield Finding(
                 "warning", "swapped-depth", f"the depth of some frames does not fit their colour: {some}",
@@ -193,7 +194,7 @@ def _camera(numbers: Numbers) -> Iterator[Finding]:
             "problem", "wrong-camera",
             f"the scans fit a focal length of {focal['px']:.0f} px "
             f"({focal['low_px']:.0f} to {focal['high_px']:.0f}), not {numbers['camera']['fx']:.0f} px",
-            "use the calibration of this camera at this image size (--camera FILE)",
+            "use the calibration of this camera at this image size (--camera FILE), then inspect again",
         )  # fmt: skip
 
 
@@ -205,18 +206,16 @@ def _depth_scale(numbers: Numbers) -> Iterator[Finding]:
             "warning", "ground-truth", f"the ground truth cannot be read: {truth['problem']}",
             "registration does not need it; `miniloop eval` does",
         )  # fmt: skip
-    registered = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
-    if (
-        registered
-        and truth.get("pairs", 0) >= 5
-        and _off(truth["factor"])
-        and (truth["low"] > 1.04 or truth["high"] < 0.96)
-    ):
-        yield Finding(
-            "problem", "depth-scale",
-            f"distances come out {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
-            f"depth_scale should be about {scale * truth['factor']:.0f} instead of {scale:g} units a metre",
-        )  # fmt: skip
+    if numbers.get("focal", {}).get("contradicts"):
+        return  # a wrong focal length bends distances too: first things first
+    if truth.get("pairs", 0) >= 5:
+        registered = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
+        if registered and _off(truth["factor"]) and (truth["low"] > 1.04 or truth["high"] < 0.96):
+            yield Finding(
+                "problem", "depth-scale",
+                f"distances come out {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
+                f"depth_scale should be about {scale * truth['factor']:.0f} instead of {scale:g} units a metre",
+            )  # fmt: skip
     elif disparity.get("clarity", 0) > 0.5 and _off(disparity["factor"]) and _plausible(disparity["factor"]):
         factor = disparity["factor"]
         yield Finding(

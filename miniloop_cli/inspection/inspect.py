@@ -22,7 +22,7 @@ from miniloop_cli.scans.paths import shown
 from miniloop_cli.scans.sequence import Scan, Sequence
 
 SAMPLE, ANCHORS, MAX_FITTED = 24, 16, 30
-ODD = 0.6  # of the usual share: a frame whose depth explains less is odd
+ODD = 0.2  # a frame is odd whose depth explains so much less than that of the others
 Reader = Callable[[Sequence, int], Scan]
 
 
@@ -176,10 +176,12 @@ def _explained(sequence: Sequence, cache: FeatureCache, pairs: list[MatchedPair]
         add(pair.reversed())
     if not shares:
         return {"median": None, "odd_frames": []}
-    middle = float(np.median([np.median(values) for values in shares.values()]))
-    for index in [index for index, values in shares.items() if np.median(values) < ODD * middle]:
+    each = np.array([np.median(values) for values in shares.values()])
+    middle = float(np.median(each))
+    limit = middle - max(ODD, 5 * float(np.median(np.abs(each - middle))))
+    for index in [index for index, values in shares.items() if np.median(values) < limit]:
         for other in (index - 2, index - 1, index + 1, index + 2):
             if 0 <= other < len(sequence.frames):
                 add(match_frames(cache, index, other))
-    odd = [i for i, values in sorted(shares.items()) if len(values) > 1 and np.median(values) < ODD * middle]
+    odd = [i for i, values in sorted(shares.items()) if len(values) > 1 and np.median(values) < limit]
     return {"median": middle, "odd_frames": odd}

@@ -35,6 +35,7 @@ class SimulationSettings:
     blur_s: float = 0.0  # exposure time: motion during it blurs the colour image
     rolling_shutter_s: float = 0.0  # time between the first and the last row of an image
     rate_hz: float = 10.0
+    focal_px: float | None = None  # None: 525 px at a width of 640
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:
@@ -56,9 +57,12 @@ class SimulationSettings:
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")
 
+        if self.focal_px is not None and not 0.2 < self.focal_px / self.width < 20:
+            raise ConfigError(f"focal_px must be from {0.2 * self.width:g} to {20 * self.width:g}, not {self.focal_px}")
+
     @property
     def camera(self) -> Camera:
-        """A Kinect-like camera, its focal length scaled to the width of the image."""
-        f = 525.0 * self.width / 640
+        """A Kinect-like camera; unless given, its focal length is scaled to the width of the image."""
+        f = self.focal_px or 525.0 * self.width / 640
         centre = ((self.width - 1) / 2, (self.height - 1) / 2)
         return Camera(f, f, *centre, self.width, self.height, 5000.0, self.distortion, source="simulated")

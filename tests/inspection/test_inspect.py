@@ -1,0 +1,207 @@
+"""`miniloop inspect`: faults put into a simulated recording are named, sound recordings raise no alarm."""
+
+import functools
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from miniloop_cli.cli.inspect import inspect as command
+from miniloop_cli.inspection.findings import all_findings
+from miniloop_cli.inspection.inspect import inspect
+from miniloop_cli.inspection.scale import KINECT_STEP_PER_M, disparity_step
+from miniloop_cli.inspection.timing import timing
+from miniloop_cli.scans import open_sequence, read_scan
+from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+
+REAL = os.environ.get("MINILOOP_TUM")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    settings = SimulationSettings(frames=20, width=320, height=240)
+    return write_sequence(tmp_path_factory.mktemp("inspect") / "room", settings, seed=0)
+
+
+@pytest.fixture(scope="module")
+def sequence(folder):
+    return open_sequence(folder)
+
+
+def warp(depth, M):
+    return cv2.warpAffine(depth, np.float32(M), depth.shape[::-1], flags=cv2.INTER_NEAREST)
+
+
+@functools.cache
+def scan_of(sequence, index):
+    return read_scan(sequence, index)
+
+
+def inspect_with(sequence, depth_of=lambda k: k, change=lambda depth: depth):
+    """Inspect with the depth of another frame, or a changed one, behind every colour image."""
+
+    def read(sequence, index):
+        other = min(max(depth_of(index), 0), len(sequence.frames) - 1)
+        depth = scan_of(sequence, other).depth_m
+        return replace(scan_of(sequence, index), depth_m=np.ascontiguousarray(change(depth), np.float32))
+
+    return inspect(sequence, np.random.default_rng(0), read)
+
+
+def codes(result):
+    return {finding.code: finding for finding in result.findings if finding.level != "note"}
+
+
+def test_a_sound_recording_raises_no_alarm(sequence):
+    result = inspect_with(sequence)
+    assert codes(result) == {}
+    numbers = json.loads(json.dumps(result.as_json(), allow_nan=False))
+    assert numbers["registration"]["kind"] == "registered"
+    assert numbers["focal"]["px"] == pytest.approx(262.5, rel=0.01)
+    assert numbers["truth"]["factor"] == pytest.approx(1, abs=0.02)
+    assert numbers["disparity"]["factor"] == pytest.approx(1, abs=0.02)
+    assert numbers["explained"]["median"] > 0.9 and numbers["pairs"]["neighbours"] == 1
+
+
+def test_depth_scale_is_judged_by_the_ground_truth(sequence):
+    finding = codes(inspect_with(sequence, change=lambda d: 1.2 * d))["depth-scale"]
+    assert finding.level == "problem" and "1.20 times those of the ground truth" in finding.message
+    assert int(finding.advice.split("about ")[1].split()[0]) == pytest.approx(6000, rel=0.01)
+
+
+@pytest.mark.parametrize(("factor", "units"), [(1.2, 6034), (1 / 1.2, 4190)])
+def test_depth_scale_is_judged_by_the_steps_of_the_sensor(sequence, factor, units):
+    blind = replace(sequence, ground_truth_path=None)
+    found = codes(inspect_with(blind, change=lambda d: factor * d))
+    assert set(found) == {"depth-scale"}
+    assert int(found["depth-scale"].advice.split("about ")[1].split()[0]) == pytest.approx(units, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [525 / 450, 450 / 525])
+def test_wrong_camera_is_named_with_the_right_focal_length(sequence, factor):
+    camera = replace(sequence.camera, fx=sequence.camera.fx * factor, fy=sequence.camera.fy * factor)
+    result = inspect_with(replace(sequence, camera=camera))
+    assert set(codes(result)) == {"wrong-camera"}
+    assert result.numbers["focal"]["px"] == pytest.approx(262.5, rel=0.015)
+
+
+def test_swapped_depth(sequence):
+    order = np.random.default_rng(1).permutation(20)
+    assert set(codes(inspect_with(sequence, lambda k: order[k]))) == {"swapped-depth"}
+
+
+def test_late_depth_is_named_with_its_delay(sequence):
+    found = codes(inspect_with(sequence, lambda k: k - 2))
+    assert set(found) == {"swapped-depth"} and "2 frame(s) earlier" in found["swapped-depth"].message
+
+
+def test_single_swapped_frames_are_named(sequence):
+    result = inspect_with(sequence, lambda k: 19 - k if k % 7 == 3 else k)
+    assert set(codes(result)) == {"swapped-depth"}
+    assert result.numbers["explained"]["odd_frames"] == [3, 10, 17]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: warp(d, [[1, 0, 10], [0, 1, -4]]), "moved by (-10, "),
+        (lambda d: warp(d, [[0.9, 0, 16], [0, 0.9, 12]]), "enlarged by 1.11"),
+    ],
+)
+def test_unregistered_depth(sequence, change, words):
+    found = codes(inspect_with(sequence, change=change))
+    assert set(found) == {"unregistered-depth"} and words in found["unregistered-depth"].message
+
+
+def test_mirrored_depth(sequence):
+    assert "mirrored-depth" in codes(inspect_with(sequence, change=np.fliplr))
+
+
+def test_command_prints_and_writes_json(folder, tmp_path):
+    broken = tmp_path / "broken"
+    shutil.copytree(folder, broken)
+    names = sorted(path.name for path in (broken / "depth").iterdir())
+    (broken / "depth" / names[3]).write_bytes(b"")
+    (broken / "rgb" / names[5]).unlink()
+    result = CliRunner().invoke(command, [str(broken), "--json", str(tmp_path / "out.json")])
+    assert result.exit_code == 0, result.exception
+    assert "WARNING (broken-frames): 2 of 20 frames cannot be used, the first: frame 3" in result.stdout
+    assert "empty file" in result.stdout
+    assert "the sequence's own camera.yaml" in result.stdout
+    data = json.loads((tmp_path / "out.json").read_text())
+    assert [entry["frame"] for entry in data["broken"]] == [3, 5]
+    assert data["findings"][0]["code"] == "broken-frames" and data["findings"][0]["advice"]
+
+
+def test_json_on_stdout_is_alone(tmp_path):
+    tiny = write_sequence(tmp_path / "tiny", SimulationSettings(frames=1, width=64, height=48))
+    result = CliRunner().invoke(command, [str(tiny), "--json", "-"])
+    assert result.exit_code == 0, result.exception
+    assert json.loads(result.stdout)["frames"] == 1
+
+
+@pytest.mark.parametrize("scene", ["textureless", "plane"])
+def test_hard_scenes_give_advice_not_alarms_about_depth(tmp_path, scene):
+    path = write_sequence(
+        tmp_path / "hard", SimulationSettings(frames=8, width=320, height=240, scene=scene, path="xyz")
+    )
+    found = codes(inspect_with(open_sequence(path)))
+    assert found.keys() <= {"few-features", "little-overlap"}
+    assert ("few-features" in found) == (scene == "textureless")
+
+
+def test_disparity_step_of_made_up_readings():
+    rng = np.random.default_rng(0)
+    z = rng.uniform(0.8, 4.0, 200_000)
+    for factor in (0.2, 0.8, 1.0, 1.2, 5.0):
+        steps = (factor / KINECT_STEP_PER_M) / np.round(1 / (z * KINECT_STEP_PER_M))
+        step, clarity = disparity_step([steps.astype(np.float32)])
+        assert step * factor == pytest.approx(KINECT_STEP_PER_M, rel=0.005) and clarity > 0.9
+    assert disparity_step([z.astype(np.float32)])[1] < 0.3
+    assert disparity_step([]) == (0.0, 0.0)
+
+
+def test_timing_counts_pairs_and_gaps(sequence):
+    frames = tuple(
+        replace(f, timestamp_s=f.timestamp_s + (3.0 if k > 10 else 0)) for k, f in enumerate(sequence.frames)
+    )
+    numbers = timing(replace(sequence, frames=frames, available=(40, 60)))
+    assert numbers["paired"] == pytest.approx(20 / 40)
+    assert numbers["gaps"] == [{"after_frame": 10, "at_s": pytest.approx(1001.0), "length_s": pytest.approx(3.1)}]
+
+
+def test_findings_from_numbers_alone():
+    numbers = {
+        "frames": 10,
+        "broken": [{"frame": k, "reason": "empty file"} for k in range(5)],
+        "timing": {"paired": 0.5, "color_images": 20, "depth_images": 20, "gaps": []},
+        "camera": {"source": "TUM's ROS default", "fx": 525, "depth_scale": 5000},
+        "images": {
+            "holes": 0.95, "saturated": 0.5, "brightness": 240, "dark": 0.0, "blurred": 0.5, "depth_m": [0.1, 0.2, 0.3]
+        },
+        "features": {"median": 300, "with_depth": 200},
+    }  # fmt: skip
+    found = all_findings(numbers)
+    assert [finding.code for finding in found if finding.level == "problem"] == [
+        "broken-frames",
+        "holes",
+    ]
+    expected = {"association", "over-exposed", "blur", "depth-range", "camera-unknown"}
+    assert {finding.code for finding in found if finding.level == "warning"} == expected
+    assert all(finding.message and finding.advice for finding in found)
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not REAL, reason="MINILOOP_TUM is not set")
+@pytest.mark.parametrize("name", ["freiburg1_xyz_100", "freiburg1_desk_100"])
+def test_no_false_alarm_on_real_sequences(name):
+    result = inspect(open_sequence(Path(REAL) / name), np.random.default_rng(0))
+    assert result.findings == ()
+    assert result.numbers["disparity"]["factor"] == pytest.approx(1, abs=0.02)
+    assert result.numbers["registration"]["kind"] == "registered"
