@@ -14,7 +14,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.graph.cycles import Cycle, decompose
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent, edge_matches, overlap_graph
 from miniloop_cli.parallel import Workers
-from miniloop_cli.ransac.estimate import NAMES, EdgeEstimate, EdgeMatches, estimate
+from miniloop_cli.ransac.estimate import EdgeEstimate, EdgeMatches, estimate
+from miniloop_cli.ransac.search import SOLVERS
 
 VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
 MANY = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
@@ -146,8 +147,8 @@ def _directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> Edg
 
 def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
     i, j = _sorted(pair)
-    rows = matches[i, j]
-    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=NAMES[scans], reason="no hypothesis fits the matches")
+    rows, reason = matches[i, j], "no hypothesis fits the matches"
+    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name, reason=reason)
 
 
 def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number: int, hypotheses: int) -> Edge:
@@ -159,7 +160,7 @@ def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number:
         T = se3.inverse(T)
     i, j = _sorted(pair)
     cycle = number if scans > 2 else -1
-    return Edge(i, j, matches[i, j], found.inliers, T, information, covariance, NAMES[scans], cycle, hypotheses)
+    return Edge(i, j, matches[i, j], found.inliers, T, information, covariance, SOLVERS[scans].name, cycle, hypotheses)
 
 
 def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:

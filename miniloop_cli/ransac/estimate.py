@@ -9,34 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.config import Ransac
+from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.ransac.search import search
-from miniloop_cli.ransac.settle import settle
-from miniloop_cli.ransac.system import compose
-from miniloop_cli.solvers import cycle3, cycle4, cycle5, pairwise
+from miniloop_cli.ransac.matches import EdgeMatches, pack
+from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
+from miniloop_cli.ransac.settle import edge_poses, settle
 
 Floats = NDArray[np.float64]
-SOLVERS = {2: pairwise, 3: cycle3, 4: cycle4, 5: cycle5}
-NAMES = {2: "pairwise", 3: "cycle3", 4: "cycle4", 5: "cycle5"}
 SIGMAS = 3.0  # a match may be this many of its own sigmas farther off than the threshold
-
-
-@dataclass(frozen=True)
-class EdgeMatches:
-    """3D-3D matches from one scan to another: p (m, 3) and q (m, 3) metres, covariances (m, 3, 3) m^2."""
-
-    p: Floats
-    q: Floats
-    cov_p: Floats
-    cov_q: Floats
-
-    def __len__(self) -> int:
-        return len(self.p)
-
-    @property
-    def reversed(self) -> EdgeMatches:
-        """The same matches seen from the other scan."""
-        return EdgeMatches(self.q, self.p, self.cov_q, self.cov_p)
 
 
 @dataclass(frozen=True)
@@ -64,44 +44,34 @@ class CycleEstimate:
 
 
 def estimate(
-    edges: Sequence[EdgeMatches], settings: Ransac, chi2_gate: float, rng: np.random.Generator
+    edges: Sequence[EdgeMatches],
+    settings: Ransac,
+    chi2_gate: float,
+    rng: np.random.Generator,
+    upright: bool = False,
 ) -> CycleEstimate | None:
     """Relative poses of a pair (one edge) or of a cycle of n scans (n edges), jointly; None if none was found.
 
-    Edge e < n - 1 leads from scan e to scan e + 1 of the cycle, the last from scan 0 to scan n - 1.
+    Edge e < n - 1 leads from scan e to scan e + 1 of the cycle, the last from scan 0 to scan n - 1. `upright`: the
+    axis z of all scans is vertical (2 to 4 scans). Raises MiniloopError for matches that are no numbers and for a
+    number of scans that no solver takes.
     """
-    scans = max(len(edges), 2)
-    solver = SOLVERS[scans]
-    P, Q, CP, CQ, start = pack(edges)
-    variance = (CP[[0, 3, 5]].sum(axis=0) + CQ[[0, 3, 5]].sum(axis=0)) / 3
-    soft = settings.score == "msac"
+    scans, solvers = max(len(edges), 2), UPRIGHT_SOLVERS if upright else SOLVERS
+    if scans not in solvers or not edges:
+        raise MiniloopError(f"there is no solver for {len(edges)} edges in a cycle")
+    matches, soft = pack(edges), settings.score == "msac"
+    variance = (matches.CP[[0, 3, 5]].sum(axis=0) + matches.CQ[[0, 3, 5]].sum(axis=0)) / 3
     gate2 = settings.threshold_m**2 + (SIGMAS**2 * variance if soft else 0 * variance)
-    found, T, _, hypotheses = search(
-        scans,
-        solver.MAX_SOLUTIONS,
-        P,
-        Q,
-        CP,
-        CQ,
-        start,
-        np.array(solver.MATCHES, np.int64),
-        1 / gate2,
-        float(soft),
-        False,
-        settings.iterations,
-        settings.confidence if settings.adaptive else 1.0,
-        3 if settings.local_optimization else 0,
-        rng,
-        np.zeros((len(edges), 6, 6)),
-    )
-    if not found:
+    T, hypotheses = search(matches, 1 / gate2, solvers[scans], settings, upright, rng)
+    if T is None:
         return None
     if not soft:
         return _counted(edges, T, settings.threshold_m, hypotheses)
-    sound, chi2, information, covariance = settle(T, P, Q, CP, CQ, start, 4 * gate2.max(), chi2_gate, False)
-    if not sound:
+    settled = settle(T, matches, 4 * gate2.max(), chi2_gate, upright)
+    if settled is None:
         return None
-    poses = np.concatenate([T, compose(T)[None]]) if scans > 2 else T
+    chi2, information, covariance = settled
+    start, poses = matches.start, edge_poses(T, len(edges))
     return CycleEstimate(
         tuple(
             EdgeEstimate(
@@ -117,17 +87,6 @@ def estimate(
     )
 
 
-def pack(edges: Sequence[EdgeMatches]) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.int64]]:
-    """Structure of arrays for the kernels: P, Q (3, N), CP, CQ (6, N) as xx xy xz yy yz zz, start (edges + 1,)."""
-    rows, columns = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
-    P, Q = (np.ascontiguousarray(np.concatenate(x).T) for x in ([e.p for e in edges], [e.q for e in edges]))
-    CP, CQ = (
-        np.ascontiguousarray(np.concatenate(x)[:, rows, columns].T)
-        for x in ([e.cov_p for e in edges], [e.cov_q for e in edges])
-    )
-    return P, Q, CP, CQ, np.cumsum([0] + [len(e) for e in edges])
-
-
 def procrustes(p: Floats, q: Floats) -> Floats:
     """Rigid (4, 4) that maps p (m, 3) onto q (m, 3), m >= 3, in least squares (Schönemann 1966; Arun et al. 1987)."""
     mean_p, mean_q = p.mean(axis=0), q.mean(axis=0)
@@ -137,7 +96,7 @@ def procrustes(p: Floats, q: Floats) -> Floats:
 
 def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypotheses: int) -> CycleEstimate:
     """The paper's ending: inliers by distance, Procrustes on them, edge by edge."""
-    poses = np.concatenate([T, compose(T)[None]]) if len(edges) > 1 else T
+    poses = edge_poses(T, len(edges))
     found = []
     for edge, pose34 in zip(edges, poses, strict=True):
         pose = se3.pose(pose34[:, :3], pose34[:, 3])

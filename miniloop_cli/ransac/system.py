@@ -7,155 +7,63 @@ perturbation is the sum of the chain's, each carried to the last scan by the adj
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.ransac.edge_system import MATH, edge_system
+from miniloop_cli.ransac.matches import Packed
+
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-MATH = {"nnan", "ninf", "nsz", "arcp", "contract", "reassoc"}
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
-def compose(T: Floats) -> Floats:
-    """Product T[n-2] ... T[0] of (n-1, 3, 4) poses: (3, 4)."""
-    C = T[0].copy()
+CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of every fit
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": MATH, "error_model": "numpy"}
+
+
+@njit(**OPTIONS)
+def compose_into(T: Floats, C: Floats) -> None:
+    """C (3, 4) becomes the product T[n-2] ... T[0] of (n-1, 3, 4) poses."""
+    for i in range(3):
+        for j in range(4):
+            C[i, j] = T[0, i, j]
     for e in range(1, T.shape[0]):
-        D = np.empty((3, 4))
+        for j in range(4):
+            x, y, z = C[0, j], C[1, j], C[2, j]
+            for i in range(3):
+                C[i, j] = T[e, i, 0] * x + T[e, i, 1] * y + T[e, i, 2] * z
         for i in range(3):
-            for j in range(4):
-                D[i, j] = T[e, i, 0] * C[0, j] + T[e, i, 1] * C[1, j] + T[e, i, 2] * C[2, j]
-            D[i, 3] += T[e, i, 3]
-        C = D
-    return C
+            C[i, 3] += T[e, i, 3]
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
-def edge_system(
-    T: Floats,
-    P: Floats,
-    Q: Floats,
-    CP: Floats,
-    CQ: Floats,
-    first: int,
-    last: int,
-    inflation2: float,
-    gate2: float,
-    c2: float,
-    H: Floats,
-    g: Floats,
-) -> float:
-    """Normal equations of one edge; returns the robust cost.
+@njit(**OPTIONS)
+def carry(T: Floats, A: Floats) -> None:
+    """A (n-1, 6, 6): what a perturbation xi of edge e does to the closing pose of T (n-1, 3, 4) is A[e] xi.
 
-    T (3, 4); P, Q (3, N) points (m); CP, CQ (6, N) their covariances xx xy xz yy yz zz (m^2); matches [first, last).
-    The residual r = T p - q has covariance S = CQ + R CP R^T + inflation2 I; its weight is Cauchy's with scale c2
-    (squared, in sigmas), and matches with |r|^2 > gate2 (m^2) are left out. H (6, 6), g (6,) are overwritten.
+    The perturbation is carried through the later poses: A[e] is the adjoint of T[n-2] ... T[e+1].
     """
-    h = np.zeros(21)
-    b = np.zeros(6)
-    R00, R01, R02, t0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
-    R10, R11, R12, t1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
-    R20, R21, R22, t2 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-    cost = 0.0
-    for k in range(first, last):
-        px, py, pz = P[0, k], P[1, k], P[2, k]
-        x = R00 * px + R01 * py + R02 * pz + t0
-        y = R10 * px + R11 * py + R12 * pz + t1
-        z = R20 * px + R21 * py + R22 * pz + t2
-        r0, r1, r2 = x - Q[0, k], y - Q[1, k], z - Q[2, k]
-        if r0 * r0 + r1 * r1 + r2 * r2 > gate2:
-            continue
-        cxx, cxy, cxz, cyy, cyz, czz = CP[0, k], CP[1, k], CP[2, k], CP[3, k], CP[4, k], CP[5, k]
-        # M = R CP, S = M R^T + CQ
-        m00, m01, m02 = (
-            R00 * cxx + R01 * cxy + R02 * cxz,
-            R00 * cxy + R01 * cyy + R02 * cyz,
-            R00 * cxz + R01 * cyz + R02 * czz,
-        )
-        m10, m11, m12 = (
-            R10 * cxx + R11 * cxy + R12 * cxz,
-            R10 * cxy + R11 * cyy + R12 * cyz,
-            R10 * cxz + R11 * cyz + R12 * czz,
-        )
-        m20, m21, m22 = (
-            R20 * cxx + R21 * cxy + R22 * cxz,
-            R20 * cxy + R21 * cyy + R22 * cyz,
-            R20 * cxz + R21 * cyz + R22 * czz,
-        )
-        s00 = m00 * R00 + m01 * R01 + m02 * R02 + CQ[0, k] + inflation2
-        s01 = m00 * R10 + m01 * R11 + m02 * R12 + CQ[1, k]
-        s02 = m00 * R20 + m01 * R21 + m02 * R22 + CQ[2, k]
-        s11 = m10 * R10 + m11 * R11 + m12 * R12 + CQ[3, k] + inflation2
-        s12 = m10 * R20 + m11 * R21 + m12 * R22 + CQ[4, k]
-        s22 = m20 * R20 + m21 * R21 + m22 * R22 + CQ[5, k] + inflation2
-        a00, a01, a02 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
-        a11, a12, a22 = s00 * s22 - s02 * s02, s01 * s02 - s00 * s12, s00 * s11 - s01 * s01
-        scale = 1.0 / (s00 * a00 + s01 * a01 + s02 * a02)
-        u0 = scale * (a00 * r0 + a01 * r1 + a02 * r2)
-        u1 = scale * (a01 * r0 + a11 * r1 + a12 * r2)
-        u2 = scale * (a02 * r0 + a12 * r1 + a22 * r2)
-        chi2 = r0 * u0 + r1 * u1 + r2 * u2
-        cost += c2 * np.log1p(chi2 / c2)
-        weight = 1.0 / (1.0 + chi2 / c2)
-        scale *= weight
-        w00, w01, w02, w11, w12, w22 = a00 * scale, a01 * scale, a02 * scale, a11 * scale, a12 * scale, a22 * scale
-        # J = [-[x]_x | I]; rows of A = [x]_x W: (3, 3); J^T W J = [[A [x]_x^T ..., A], [A^T, W]]
-        a_00, a_01, a_02 = y * w02 - z * w01, y * w12 - z * w11, y * w22 - z * w12
-        a_10, a_11, a_12 = z * w00 - x * w02, z * w01 - x * w12, z * w02 - x * w22
-        a_20, a_21, a_22 = x * w01 - y * w00, x * w11 - y * w01, x * w12 - y * w02
-        h[0] += a_02 * y - a_01 * z
-        h[1] += a_00 * z - a_02 * x
-        h[2] += a_01 * x - a_00 * y
-        h[3] += a_00
-        h[4] += a_01
-        h[5] += a_02
-        h[6] += a_10 * z - a_12 * x
-        h[7] += a_11 * x - a_10 * y
-        h[8] += a_10
-        h[9] += a_11
-        h[10] += a_12
-        h[11] += a_21 * x - a_20 * y
-        h[12] += a_20
-        h[13] += a_21
-        h[14] += a_22
-        h[15] += w00
-        h[16] += w01
-        h[17] += w02
-        h[18] += w11
-        h[19] += w12
-        h[20] += w22
-        u0, u1, u2 = u0 * weight, u1 * weight, u2 * weight
-        b[0] += y * u2 - z * u1
-        b[1] += z * u0 - x * u2
-        b[2] += x * u1 - y * u0
-        b[3] += u0
-        b[4] += u1
-        b[5] += u2
-    k = 0
-    for i in range(6):
-        g[i] = b[i]
-        for j in range(i, 6):
-            H[i, j] = h[k]
-            H[j, i] = h[k]
-            k += 1
-    return cost
+    last = T.shape[0] - 1
+    R, t = np.eye(3), np.zeros(3)
+    for e in range(last, -1, -1):
+        if e < last:
+            for i in range(3):
+                t[i] += R[i, 0] * T[e + 1, 0, 3] + R[i, 1] * T[e + 1, 1, 3] + R[i, 2] * T[e + 1, 2, 3]
+            for i in range(3):
+                x, y, z = R[i, 0], R[i, 1], R[i, 2]
+                for j in range(3):
+                    R[i, j] = x * T[e + 1, 0, j] + y * T[e + 1, 1, j] + z * T[e + 1, 2, j]
+        for j in range(3):
+            for i in range(3):
+                A[e, i, j] = A[e, i + 3, j + 3] = R[i, j]
+                A[e, i, j + 3] = 0.0
+            A[e, 3, j] = t[1] * R[2, j] - t[2] * R[1, j]
+            A[e, 4, j] = t[2] * R[0, j] - t[0] * R[2, j]
+            A[e, 5, j] = t[0] * R[1, j] - t[1] * R[0, j]
 
 
-@njit(cache=True, nogil=True)
-def adjoint(T: Floats, A: Floats) -> None:
-    """A (6, 6) with xi_after = A xi_before: carries a perturbation through a later pose T (3, 4)."""
-    A[:, :] = 0.0
-    for j in range(3):
-        for i in range(3):
-            A[i, j] = T[i, j]
-            A[i + 3, j + 3] = T[i, j]
-        A[3, j] = T[1, 3] * T[2, j] - T[2, 3] * T[1, j]
-        A[4, j] = T[2, 3] * T[0, j] - T[0, 3] * T[2, j]
-        A[5, j] = T[0, 3] * T[1, j] - T[1, 3] * T[0, j]
-
-
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def perturb(T: Floats, xi: Floats) -> None:
     """T (3, 4) <- [exp(w) | v] T, in place."""
     w0, w1, w2 = xi[0], xi[1], xi[2]
@@ -175,7 +83,7 @@ def perturb(T: Floats, xi: Floats) -> None:
         T[i, 3] += xi[3 + i]
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def cholesky_solve(A: Floats, b: Floats) -> bool:
     """Solve the symmetric positive definite A x = b; A and b are overwritten, b by x. False if A is singular."""
     n = A.shape[0]
@@ -206,14 +114,10 @@ def cholesky_solve(A: Floats, b: Floats) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS, inline="always")
 def cycle_system(
     T: Floats,
-    P: Floats,
-    Q: Floats,
-    CP: Floats,
-    CQ: Floats,
-    start: Ints,
+    matches: Packed,
     inflation2: float,
     gate2: float,
     c2: float,
@@ -224,81 +128,92 @@ def cycle_system(
 ) -> float:
     """Normal equations H (6(n-1),)^2, g of a whole cycle; edge_H (edges, 6, 6) those of each edge; returns the cost.
 
-    start (edges + 1,): the matches of edge e are [start[e], start[e + 1]); with more than one edge the last is the
-    closing one. `upright`: rotations are about z only (known vertical), so the other two parameters are held.
+    Weights as in `edge_system`. `upright`: rotations are about z only (known vertical), so the other two parameters
+    are held.
     """
-    chain = T.shape[0]
-    H[:, :] = 0.0
-    cost = 0.0
-    b = np.empty(6)
+    chain, edges = T.shape[0], matches.start.shape[0] - 1
+    poses, b, A, HA = np.empty((chain + 1, 3, 4)), np.empty(6), np.empty((chain, 6, 6)), np.empty((6, 6))
     for e in range(chain):
-        cost += edge_system(T[e], P, Q, CP, CQ, start[e], start[e + 1], inflation2, gate2, c2, edge_H[e], b)
-        H[6 * e : 6 * e + 6, 6 * e : 6 * e + 6] = edge_H[e]
-        g[6 * e : 6 * e + 6] = b
-    if chain > 1:
-        first, last = start[chain], start[chain + 1]
-        cost += edge_system(compose(T), P, Q, CP, CQ, first, last, inflation2, gate2, c2, edge_H[chain], b)
-        A = np.zeros((6, 6 * chain))
-        rest = np.zeros((1, 3, 4))
-        rest[0, 0, 0] = rest[0, 1, 1] = rest[0, 2, 2] = 1.0
-        one = np.empty((6, 6))
-        pair = np.empty((2, 3, 4))
-        for e in range(chain - 1, -1, -1):
-            adjoint(rest[0], one)
-            A[:, 6 * e : 6 * e + 6] = one
-            pair[0], pair[1] = T[e], rest[0]
-            rest[0] = compose(pair)
-        for i in range(6 * chain):
-            for k in range(6):
-                g[i] += A[k, i] * b[k]
-        HA = np.zeros((6, 6 * chain))
-        for i in range(6):
-            for k in range(6):
-                for j in range(6 * chain):
-                    HA[i, j] += edge_H[chain, i, k] * A[k, j]
-        for i in range(6 * chain):
-            for k in range(6):
-                for j in range(6 * chain):
-                    H[i, j] += A[k, i] * HA[k, j]
+        for i in range(3):
+            for j in range(4):
+                poses[e, i, j] = T[e, i, j]
+    compose_into(T, poses[chain])
+    for i in range(6 * chain):
+        g[i] = 0.0
+        for j in range(6 * chain):
+            H[i, j] = 0.0
+    cost = 0.0
+    for e in range(edges):
+        first, last = matches.start[e], matches.start[e + 1]
+        cost += edge_system(poses[e], matches, first, last, inflation2, gate2, c2, edge_H[e], b)
+        if e < chain:
+            for i in range(6):
+                g[6 * e + i] += b[i]
+                for j in range(6):
+                    H[6 * e + i, 6 * e + j] += edge_H[e, i, j]
+    if edges > chain:
+        carry(T, A)
+        for f in range(chain):
+            for i in range(6):
+                for j in range(6):
+                    total = 0.0
+                    for k in range(6):
+                        total += edge_H[chain, i, k] * A[f, k, j]
+                    HA[i, j] = total
+            for i in range(6):
+                for k in range(6):
+                    g[6 * f + i] += A[f, k, i] * b[k]
+            for e in range(chain):
+                for i in range(6):
+                    for j in range(6):
+                        total = 0.0
+                        for k in range(6):
+                            total += A[e, k, i] * HA[k, j]
+                        H[6 * e + i, 6 * f + j] += total
     if upright:
-        for e in range(chain):
-            for i in range(6 * e, 6 * e + 2):
-                H[i, :] = 0.0
-                H[:, i] = 0.0
-                H[i, i] = 1.0
+        for i in range(6 * chain):
+            for j in range(6 * chain):
+                if i % 6 < 2 or j % 6 < 2:
+                    H[i, j] = 1.0 if i == j else 0.0
+            if i % 6 < 2:
                 g[i] = 0.0
     return cost
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def gauss_newton(
     T: Floats,
-    P: Floats,
-    Q: Floats,
-    CP: Floats,
-    CQ: Floats,
-    start: Ints,
+    matches: Packed,
     inflation2: float,
     gate2: float,
     c2: float,
     upright: bool,
     iterations: int,
+    H: Floats,
     edge_H: Floats,
 ) -> bool:
-    """Refine T (n-1, 3, 4) in place; edge_H (edges, 6, 6) receives each edge's own information. False if singular."""
+    """Refine T (n-1, 3, 4) in place; False if the matches do not determine it.
+
+    H (6(n-1), 6(n-1)) receives the joint information, edge_H (edges, 6, 6) each edge's own, both where the last step
+    began.
+    """
     size = 6 * T.shape[0]
-    H, g = np.empty((size, size)), np.empty(size)
+    factor, step = np.empty((size, size)), np.empty(size)
     for _ in range(iterations):
-        cycle_system(T, P, Q, CP, CQ, start, inflation2, gate2, c2, upright, H, g, edge_H)
-        if not cholesky_solve(H, g):
+        cycle_system(T, matches, inflation2, gate2, c2, upright, H, step, edge_H)
+        for i in range(size):
+            step[i] = -step[i]
+            for j in range(i + 1):
+                factor[i, j] = H[i, j]
+        if not cholesky_solve(factor, step):
             return False
         largest = 0.0
-        for e in range(T.shape[0]):
-            step = -g[6 * e : 6 * e + 6]
-            largest = max(largest, np.max(np.abs(step)))
-            perturb(T[e], step)
-        if not np.isfinite(largest) or largest > 1e3:
+        for i in range(size):
+            largest = max(largest, abs(step[i]))
+        if not largest < 1e3:
             return False
+        for e in range(T.shape[0]):
+            perturb(T[e], step[6 * e : 6 * e + 6])
         if largest < 1e-7:
             break
     return True

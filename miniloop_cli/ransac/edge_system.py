@@ -1,0 +1,122 @@
+"""The normal equations of one edge: the least squares of its matches over a perturbation of its relative pose."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from miniloop_cli.ransac.matches import Packed
+
+Floats = NDArray[np.float64]
+# Sums may be reassociated, but NaN and infinity keep their meaning: a singular system is told by them.
+MATH = {"nsz", "arcp", "contract", "reassoc"}
+
+
+@njit(cache=True, nogil=True, fastmath=MATH, error_model="numpy", inline="always")
+def edge_system(
+    T: Floats,
+    matches: Packed,
+    first: int,
+    last: int,
+    inflation2: float,
+    gate2: float,
+    c2: float,
+    H: Floats,
+    g: Floats,
+) -> float:
+    """Normal equations of one edge; returns the robust cost.
+
+    T (3, 4); the edge's matches are the columns [first, last).
+    The residual r = T p - q has covariance S = CQ + R CP R^T + inflation2 I; its weight is Cauchy's with scale c2
+    (squared, in sigmas), and matches with |r|^2 > gate2 (m^2) are left out. H (6, 6), g (6,) are overwritten.
+    """
+    P, Q, CP, CQ = matches.P, matches.Q, matches.CP, matches.CQ
+    h = np.zeros(21)
+    b = np.zeros(6)
+    R00, R01, R02, t0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    R10, R11, R12, t1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    R20, R21, R22, t2 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    cost = 0.0
+    for k in range(first, last):
+        px, py, pz = P[0, k], P[1, k], P[2, k]
+        x = R00 * px + R01 * py + R02 * pz + t0
+        y = R10 * px + R11 * py + R12 * pz + t1
+        z = R20 * px + R21 * py + R22 * pz + t2
+        r0, r1, r2 = x - Q[0, k], y - Q[1, k], z - Q[2, k]
+        if r0 * r0 + r1 * r1 + r2 * r2 > gate2:
+            continue
+        cxx, cxy, cxz, cyy, cyz, czz = CP[0, k], CP[1, k], CP[2, k], CP[3, k], CP[4, k], CP[5, k]
+        # M = R CP, S = M R^T + CQ
+        m00, m01, m02 = (
+            R00 * cxx + R01 * cxy + R02 * cxz,
+            R00 * cxy + R01 * cyy + R02 * cyz,
+            R00 * cxz + R01 * cyz + R02 * czz,
+        )
+        m10, m11, m12 = (
+            R10 * cxx + R11 * cxy + R12 * cxz,
+            R10 * cxy + R11 * cyy + R12 * cyz,
+            R10 * cxz + R11 * cyz + R12 * czz,
+        )
+        m20, m21, m22 = (
+            R20 * cxx + R21 * cxy + R22 * cxz,
+            R20 * cxy + R21 * cyy + R22 * cyz,
+            R20 * cxz + R21 * cyz + R22 * czz,
+        )
+        s00 = m00 * R00 + m01 * R01 + m02 * R02 + CQ[0, k] + inflation2
+        s01 = m00 * R10 + m01 * R11 + m02 * R12 + CQ[1, k]
+        s02 = m00 * R20 + m01 * R21 + m02 * R22 + CQ[2, k]
+        s11 = m10 * R10 + m11 * R11 + m12 * R12 + CQ[3, k] + inflation2
+        s12 = m10 * R20 + m11 * R21 + m12 * R22 + CQ[4, k]
+        s22 = m20 * R20 + m21 * R21 + m22 * R22 + CQ[5, k] + inflation2
+        a00, a01, a02 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
+        a11, a12, a22 = s00 * s22 - s02 * s02, s01 * s02 - s00 * s12, s00 * s11 - s01 * s01
+        scale = 1.0 / (s00 * a00 + s01 * a01 + s02 * a02)
+        u0 = scale * (a00 * r0 + a01 * r1 + a02 * r2)
+        u1 = scale * (a01 * r0 + a11 * r1 + a12 * r2)
+        u2 = scale * (a02 * r0 + a12 * r1 + a22 * r2)
+        chi2 = r0 * u0 + r1 * u1 + r2 * u2
+        cost += c2 * np.log1p(chi2 / c2)
+        weight = 1.0 / (1.0 + chi2 / c2)
+        scale *= weight
+        w00, w01, w02, w11, w12, w22 = a00 * scale, a01 * scale, a02 * scale, a11 * scale, a12 * scale, a22 * scale
+        # J = [-[x]_x | I]; rows of A = [x]_x W: (3, 3); J^T W J = [[A [x]_x^T ..., A], [A^T, W]]
+        a_00, a_01, a_02 = y * w02 - z * w01, y * w12 - z * w11, y * w22 - z * w12
+        a_10, a_11, a_12 = z * w00 - x * w02, z * w01 - x * w12, z * w02 - x * w22
+        a_20, a_21, a_22 = x * w01 - y * w00, x * w11 - y * w01, x * w12 - y * w02
+        h[0] += a_02 * y - a_01 * z
+        h[1] += a_00 * z - a_02 * x
+        h[2] += a_01 * x - a_00 * y
+        h[3] += a_00
+        h[4] += a_01
+        h[5] += a_02
+        h[6] += a_10 * z - a_12 * x
+        h[7] += a_11 * x - a_10 * y
+        h[8] += a_10
+        h[9] += a_11
+        h[10] += a_12
+        h[11] += a_21 * x - a_20 * y
+        h[12] += a_20
+        h[13] += a_21
+        h[14] += a_22
+        h[15] += w00
+        h[16] += w01
+        h[17] += w02
+        h[18] += w11
+        h[19] += w12
+        h[20] += w22
+        u0, u1, u2 = u0 * weight, u1 * weight, u2 * weight
+        b[0] += y * u2 - z * u1
+        b[1] += z * u0 - x * u2
+        b[2] += x * u1 - y * u0
+        b[3] += u0
+        b[4] += u1
+        b[5] += u2
+    k = 0
+    for i in range(6):
+        g[i] = b[i]
+        for j in range(i, 6):
+            H[i, j] = h[k]
+            H[j, i] = h[k]
+            k += 1
+    return cost
