@@ -101,6 +101,7 @@ class Averaging(Section):
     min_alike: float = Field(
         0.4, ge=0, lt=1, description="Share of what two scans both see that must look alike in both; 0: not checked."
     )
+    min_alone: int = Field(20, ge=0, description="Inliers that an edge needs which no loop of edges confirms.")
 
 
 class Bundle(Section):

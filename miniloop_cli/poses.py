@@ -54,11 +54,12 @@ def average(
 ) -> tuple[Poses, list[Edge]]:
     """Poses of all scans by motion averaging, and the edges, those that were found false rejected with the reason.
 
-    Dropping edges changes the result, so averaging is repeated until none is dropped (at most four times).
+    Dropping edges changes the result, so averaging is repeated until none is dropped (at most five times).
     """
     witness = witness if settings.min_alike > 0 else None
     edges = examined(edges, witness, settings.min_alike) if witness else list(edges)
-    for _ in range(4):
+    for _ in range(5):
+        edges = confirmed(edges, count, settings.min_alone)
         poses = _average_components(used(edges, count), count, settings)
         judged = [_against(edge, poses, settings) for edge in edges]
         if witness and not _changed(edges, judged):
@@ -66,7 +67,20 @@ def average(
         if not _changed(edges, judged):
             return poses, judged
         edges = judged
+    edges = confirmed(edges, count, settings.min_alone)
     return _average_components(used(edges, count), count, settings), edges
+
+
+def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
+    """The edges, those rejected that have fewer than `least` inliers and lie on no loop of used edges."""
+    loose = set(map(frozenset, nx.bridges(nx.Graph((edge.i, edge.j) for edge in used(edges, count)))))
+
+    def judge(edge: Edge) -> Edge:
+        if edge.inlier_count >= least or frozenset((edge.i, edge.j)) not in loose:
+            return edge
+        return rejected(edge, f"{edge.inlier_count} inliers, and no loop confirms it")
+
+    return [judge(edge) for edge in edges]
 
 
 def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[Edge]:
