@@ -1,0 +1,61 @@
+"""Writes docs/settings.md from the settings' own declarations: `python docs/make_settings.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from miniloop_cli.cli.config import allowed, as_yaml, value_of
+from miniloop_cli.config import PRESETS, Settings, keys, load_settings
+from miniloop_cli.files import atomic_write
+
+PAGE = Path(__file__).with_name("settings.md")
+INTRODUCTION = """# Settings
+
+<!-- Made by docs/make_settings.py from miniloop_cli/config.py; do not edit. -->
+
+All settings of `miniloop register`. They come from a preset or a YAML file (`--config fast`, `--config mine.yaml`)
+and are changed one by one with `--set section.key=value`; what a file does not name has its default. Unknown keys are
+an error. The settings that were in effect lie beside every result (`config.yaml`) and can be given to `--config` again.
+
+    miniloop config show paper            # a preset as YAML, every key explained
+    miniloop config explain ransac.score  # one key, with what the presets make of it
+    miniloop config schema                # JSON schema, for editors
+
+Where a preset differs from the default, the last column says so.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    presets = {name: load_settings(name) for name in PRESETS}
+    parts = [INTRODUCTION]
+    single = []
+    for name, field in Settings.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            inside = [key for key in keys() if key.startswith(f"{name}.")]
+            parts.append(f"## `{name}`\n\n{(field.annotation.__doc__ or '').strip()}\n\n{table(inside, presets)}")
+        else:
+            single.append(name)
+    parts.insert(1, f"## By themselves\n\n{table(single, presets)}")
+    return "\n".join(parts)
+
+
+def table(names: list[str], presets: dict[str, Settings]) -> str:
+    """A row a key."""
+    rows = ["| key | default | allowed | what it does | presets |", "|---|---|---|---|---|"]
+    known = keys()
+    for name in names:
+        field = known[name]
+        default = as_yaml(field.default)
+        others = [(preset, as_yaml(value_of(settings, name))) for preset, settings in presets.items()]
+        differing = ", ".join(f"{preset}: {value}" for preset, value in others if value != default)
+        meaning = (field.description or "").replace("|", "\\|")
+        rows.append(f"| `{name}` | {default} | {allowed(field)} | {meaning} | {differing} |")
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    with atomic_write(PAGE) as file:
+        file.write(page())
