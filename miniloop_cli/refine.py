@@ -7,17 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from miniloop_cli.config import Settings
 from miniloop_cli.features.detect import compact
 from miniloop_cli.features.guided import guided_match
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, Edge
+from miniloop_cli.graph.edges import Edge
 from miniloop_cli.graph.overlap import Pair, ScanPoints
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
-from miniloop_cli.poses import Poses
+from miniloop_cli.poses import Poses, used
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.refinement.timing import (
@@ -36,6 +38,7 @@ from miniloop_cli.scans.camera import Camera
 Floats = NDArray[np.float64]
 CALIBRATION_OBSERVATIONS = 60_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
+MIN_SHARED = 10  # tracks that tie two scans to each other
 MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
 FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
@@ -65,22 +68,30 @@ class Refined:
 def refine(poses: Poses, edges: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
     """Refined poses of the largest component by the method of the settings."""
     nothing = np.full((len(scans.features), 6, 6), np.nan)
-    inside = [e for e in edges if e.verdict == VERIFIED and poses.component[e.i] == 0 == poses.component[e.j]]
+    inside = [e for e in used(edges, len(nothing)) if poses.component[e.i] == 0 == poses.component[e.j]]
     if settings.refine == "none" or not inside:
         return Refined(poses, nothing)
-    if settings.refine == "posegraph":
-        result = refine_pose_graph(
-            poses.T_world_cam,
-            [(e.i, e.j) for e in inside],
-            np.array([e.T_j_i for e in inside]),
-            np.array([e.information for e in inside]),
-        )
-        return Refined(Poses(result.T_world_cam, poses.component), result.covariance)
-    return _bundle(poses, inside, scans, settings, workers)
+    bundled = _bundle(poses, inside, scans, settings, workers) if settings.refine == "bundle" else None
+    return bundled or _over_edges(poses, inside)
 
 
-def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
-    """Bundle adjustment of the edges' tracks, then of guided tracks, then with the timing undone."""
+def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:
+    """Pose graph of the edges."""
+    result = refine_pose_graph(
+        poses.T_world_cam,
+        [(e.i, e.j) for e in inside],
+        np.array([e.T_j_i for e in inside]),
+        np.array([e.information for e in inside]),
+    )
+    return Refined(Poses(result.T_world_cam, poses.component), result.covariance)
+
+
+def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined | None:
+    """Bundle adjustment of the edges' tracks, then of guided tracks, then with the timing undone.
+
+    Where scans lie so far apart that hardly a point is seen three times, tracks of two scans must do; None if these,
+    too, do not tie all scans to each other.
+    """
     jobs = workers.threads
     first = _measure([(e.i, e.j) for e in inside], [e.matches[e.inliers] for e in inside], scans, 2)
     rough = BundleSettings(
@@ -91,14 +102,29 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     pairs = partners(T, poses.registered, scans.points, scans.camera, settings.bundle.partners)
     matches = guided_matches(T, pairs, scans, settings, workers)
     tracked = _measure(pairs, matches, scans, settings.bundle.min_frames)
-    fine = BundleSettings(depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-4)
     known = poses.component == 0
+    if not tied(tracked, known):
+        more = sorted({(e.i, e.j) for e in inside} - set(pairs))
+        tracked = _measure(pairs + more, matches + guided_matches(T, more, scans, settings, workers), scans, 2)
+        if not tied(tracked, known):
+            return None
+    fine = BundleSettings(depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-4)
     timing = NO_TIMING
     if settings.bundle.timing:
         timing, T = calibrate(T, tracked, scans, known, rough, jobs)
     result = _adjust(T, tracked, scans.camera, fine, jobs, *_undone(T, None, tracked, scans, known, timing))
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
     return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
+
+
+def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:
+    """Whether chains of scans that share MIN_SHARED tracks join all of the `known` scans (n,)."""
+    ones = np.ones(len(measured.track))
+    seen = coo_array(
+        (ones, (measured.track, measured.frame)), shape=(int(measured.track.max(initial=-1)) + 1, len(known))
+    )
+    shared = (seen.T @ seen) >= MIN_SHARED
+    return len(np.unique(connected_components(shared, directed=False)[1][known])) == 1
 
 
 def guided_matches(
