@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import default_folder
 from miniloop_cli.bench.stages import SessionClock, SessionStore
-from miniloop_cli.config import load_settings
+from miniloop_cli.config import Settings, load_settings
 from miniloop_cli.errors import ConfigError, InputError, RegistrationError
+from miniloop_cli.evaluation.association import associate
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.evaluation.results import read_edge_list
 from miniloop_cli.files import atomic_write
-from miniloop_cli.graph.edges import VERIFIED
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.edges import VERIFIED, judge
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration, register
 from miniloop_cli.scans import open_sequence, read_ground_truth
@@ -28,6 +30,7 @@ from miniloop_cli.scans.sequence import Trajectory
 
 Row = dict[str, Any]
 STAGES = ("matching", "edges", "averaging", "refinement")
+WRONG_DEG, WRONG_CM = 5.0, 10.0  # an edge that is farther off is no estimate but a mistake
 PROTOCOL = Protocol(association="nearest")  # as evo and the TUM scripts
 
 
@@ -61,6 +64,7 @@ VARIANTS: dict[str, Variant] = {
     "dfs decomposition": Variant("cycles", ("cycles.decomposition=dfs",)),
     "tight RANSAC (2 cm)": Variant("edges", ("ransac.threshold_m=0.02",)),
     "no local optimization": Variant("edges", ("ransac.local_optimization=false",)),
+    "believed unseen": Variant("averaging", ("averaging.min_alike=0", "averaging.min_alone=0")),
     "plain rotations": Variant("averaging", ("averaging.rotations=plain",)),
     "plain translations": Variant("averaging", ("averaging.translations=plain",)),
     "averaging only": Variant("refinement", ("refine=none",)),
@@ -87,8 +91,9 @@ def ablation_rows(
     """Rows of each recording and each of the `names` of VARIANTS, one after the other; "default" always comes first.
 
     Edge errors are over a list of edges that all rows of a recording share: that of `edge_files` (one a recording,
-    lines "i j"), else the default's verified edges. Features are taken from the cache where they are; the seconds are
-    those of all later stages, each stage measured once for the same inputs, with everything compiled.
+    lines "i j"), else the default's verified edges; beside them stand the errors of the edges' own estimates.
+    Features are taken from the cache where they are; the seconds are those of all later stages, each stage measured
+    once for the same inputs, with everything compiled.
     Raises InputError for a recording without ground truth, ConfigError for an unknown name.
     """
     if unknown := [name for name in names if name not in VARIANTS]:
@@ -96,25 +101,25 @@ def ablation_rows(
     if edge_files and len(edge_files) != len(folders):
         raise ConfigError(f"{len(edge_files)} edge lists for {len(folders)} recordings: give one for each, in order")
     workers = workers or Workers()
-    chosen = ["default", *(name for name in VARIANTS if name in set(names) - {"default"})]
+    chosen = {name: variant for name, variant in VARIANTS.items() if name == "default" or name in set(names)}
+    settings = {name: load_settings(variant.preset, variant.changes) for name, variant in chosen.items()}
     recordings = [_open(folder) for folder in folders]
     _warm_up(folders[0], workers)
     for k, (recording, truth) in enumerate(recordings):
         store = SessionStore(default_folder())
         stamps = np.array([frame.timestamp_s for frame in recording.frames])
         edges = read_edge_list(edge_files[k], stamps) if edge_files else np.empty((0, 2))
-        for name in chosen:
-            variant = VARIANTS[name]
+        for name, variant in chosen.items():
             sequence = replace(recording, camera=_ros_camera(recording.camera)) if variant.ros_camera else recording
             if variant.ros_camera and _same(sequence.camera, recording.camera):
                 continue
             clock = SessionClock(store)
             with clock.listening():
-                run, problem = _register(sequence, variant, store, workers, seed)
+                run, problem = _register(sequence, settings[name], store, workers, seed)
             if not edge_files and name == "default":
                 edges = stamps[_verified(run)]
             row = {"sequence": recording.name, "step": variant.step, "variant": name}
-            row |= _scores(run, stamps, truth, edges)
+            row |= _scores(run, stamps, truth, edges) | _estimates(run, stamps, truth)
             row |= {f"{stage}_s": round(clock.seconds[stage].wall, 3) for stage in STAGES if stage in clock.seconds}
             spent = [clock.seconds[stage] for stage in STAGES if stage in clock.seconds]
             row |= {"seconds": round(sum(s.wall for s in spent), 3), "cpu_s": round(sum(s.cpu for s in spent), 3)}
@@ -133,15 +138,16 @@ def _warm_up(folder: Path, workers: Workers) -> None:
     """Compile, or load what is compiled, on a few frames."""
     few = open_sequence(folder, max_frames=8)
     for name in ("default", "orb"):
-        _register(few, VARIANTS[name], SessionStore(default_folder()), Workers(workers.jobs, quiet=True), 0)
+        settings = load_settings(overrides=VARIANTS[name].changes)
+        _register(few, settings, SessionStore(default_folder()), Workers(workers.jobs, quiet=True), 0)
 
 
 def _register(
-    sequence: Recording, variant: Variant, store: SessionStore, workers: Workers, seed: int
+    sequence: Recording, settings: Settings, store: SessionStore, workers: Workers, seed: int
 ) -> tuple[Registration | None, str]:
     """The run, or as far as it came, and why no farther."""
     try:
-        return register(sequence, load_settings(variant.preset, variant.changes), store, workers, seed), ""
+        return register(sequence, settings, store, workers, seed), ""
     except RegistrationError as error:
         return error.run, str(error)
 
@@ -177,6 +183,21 @@ def _scores(
     relative = found.numbers["rpe"]["edges"]
     row |= {"ate_cm": _rounded(found.numbers["ate_rmse_m"], 100), "edge_deg": _rounded(relative["rot_deg_mean"])}
     return row | {"edge_cm": _rounded(relative["trans_m_mean"], 100), "edges_scored": relative["pairs"]}
+
+
+def _estimates(run: Registration | None, stamps: NDArray[np.float64], truth: Trajectory) -> Row:
+    """The edges as they were estimated, before averaging: median errors, and the share that is wrong."""
+    T_true, known = associate(stamps, truth, PROTOCOL.association, PROTOCOL.max_diff_s)
+    found = [judge(e, run.settings.verification) for e in run.edges if known[e.i] and known[e.j]] if run else []
+    found = [e for e in found if e.verdict == VERIFIED]
+    if not found:
+        return dict.fromkeys(("estimate_deg", "estimate_cm", "wrong_share"))
+    i, j = np.array([(e.i, e.j) for e in found]).T
+    E = se3.inverse(T_true[i]) @ T_true[j] @ np.array([e.T_j_i for e in found])
+    deg, cm = se3.rotation_angle_deg(E[:, :3, :3]), 100 * np.linalg.norm(E[:, :3, 3], axis=1)
+    wrong = float(((deg > WRONG_DEG) | (cm > WRONG_CM)).mean())
+    row = {"estimate_deg": float(np.median(deg)), "estimate_cm": float(np.median(cm)), "wrong_share": wrong}
+    return {key: _rounded(value) for key, value in row.items()}
 
 
 def _rounded(value: float | None, factor: float = 1.0) -> float | None:

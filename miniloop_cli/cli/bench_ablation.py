@@ -12,6 +12,7 @@ from miniloop_cli.cli.main import CONTEXT
 COLUMNS = {
     "registered": "frames",
     "edges": "edges",
+    "wrong_share": "wrong",
     "ate_cm": "ATE cm",
     "edge_deg": "edge deg",
     "edge_cm": "edge cm",
@@ -69,7 +70,8 @@ def bench_ablation(
     """One thing changed at a time: frames, errors against ground truth, seconds.
 
     SEQ: recordings with ground truth. ATE is the rmse after SE(3) alignment on positions; edge errors are means over
-    one list of edges that all rows share; ground truth is the nearest sample within 20 ms. Seconds are those of all
+    one list of edges that all rows share; wrong is the share of edges whose own estimate, before averaging, is off by
+    more than 5 deg or 10 cm; ground truth is the nearest sample within 20 ms. Seconds are those of all
     stages after the features, which come from the cache where they are.
 
     \b

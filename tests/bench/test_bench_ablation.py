@@ -55,6 +55,7 @@ def test_rows_say_what_was_measured(rows):
             abs=0.005,  # each is rounded to milliseconds
         )
         assert row["cpu_s"] >= 0 and row["problem"] == ""
+        assert 0 < row["estimate_deg"] < 2 and 0 < row["estimate_cm"] < 5 and row["wrong_share"] == 0
 
 
 def test_a_step_taken_away_costs_accuracy(rows):
