@@ -1,0 +1,121 @@
+"""The documentation: no dead links, commands and settings that exist, code that runs, pages up to date."""
+
+import re
+import runpy
+import sys
+import types
+from typing import get_args
+
+import click
+import numpy as np
+import pytest
+from command_line import FRAMES, ROOT
+
+import miniloop_cli.scans
+from miniloop_cli.bench.problems import random_problems
+from miniloop_cli.cli.main import cli
+from miniloop_cli.cli.register import FEATURES
+from miniloop_cli.config import keys
+from miniloop_cli.scans import open_sequence, read_scan
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def anchors(text):
+    """Ids of the headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+        if target.startswith(("http:", "https:")):
+            continue
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        assert file.exists(), target
+        if anchor:
+            assert anchor in anchors(file.read_text(encoding="utf-8")), target
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for page in PAGES:
+        assert page.name in index or page.name == "index.md", page.name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_their_options_exist(page):
+    for line in re.findall(r"miniloop [a-z][^`\n|>]*", page.read_text(encoding="utf-8")):
+        words = line.split("#")[0].split("&&")[0].split()[1:]
+        node = cli
+        if words[0] not in cli.lazy:
+            continue  # prose: "miniloop takes ..."
+        while isinstance(node, click.Group) and words and re.fullmatch("[a-z]+", words[0]):
+            node, words = node.get_command(click.Context(node), words[0]), words[1:]
+            assert node is not None, line
+        known = {option for parameter in node.params for option in parameter.opts} | {"--help", "--debug"}
+        used = {re.match(r"-{1,2}[a-zA-Z-]+", word)[0] for word in words if re.match("-{1,2}[a-zA-Z]", word)}
+        assert used <= known, line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_settings_that_are_named_exist(page):
+    sections = {key.partition(".")[0] for key in keys() if "." in key}
+    text = page.read_text(encoding="utf-8")
+    for key in re.findall(rf"(?:`|--set )((?:{'|'.join(sections)})\.[a-z_0-9]+)\b(?!\()", text):
+        assert key in keys() or key.endswith((".py", ".csv", ".ply", ".txt")), key
+
+
+def test_settings_page_is_up_to_date():
+    made = runpy.run_path(str(ROOT / "docs" / "make_settings.py"))["page"]()
+    assert (ROOT / "docs" / "settings.md").read_text(encoding="utf-8") == made, "run python docs/make_settings.py"
+
+
+def test_features_of_the_option_are_those_of_the_setting():
+    assert get_args(keys()["features.type"].annotation) == FEATURES
+
+
+def block(name):
+    """The Python block of extending.md that is marked so, as a module."""
+    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    code = re.search(rf"<!-- test: {name} -->\n```python\n(.*?)```", text, re.DOTALL)[1]
+    module = types.ModuleType(f"extending_{name}")
+    exec(compile(code, f"extending.md ({name})", "exec"), module.__dict__)
+    return module
+
+
+def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "extending_layout", block("layout"))
+    monkeypatch.setattr(miniloop_cli.scans, "LAYOUTS", {"robot": "extending_layout"} | dict(miniloop_cli.scans.LAYOUTS))
+    for old, new in (("rgb", "image"), ("depth", "range")):
+        for k, path in enumerate(sorted((recording / old).glob("*.png"))):
+            (tmp_path / f"{new}-{k:04d}.png").write_bytes(path.read_bytes())
+    (tmp_path / "lens.txt").write_text("262.5 262.5 159.5 119.5 320 240\n")
+    sequence = open_sequence(tmp_path)
+    assert (sequence.layout, len(sequence.frames), sequence.camera.source) == ("robot", FRAMES, "lens.txt")
+    same = read_scan(open_sequence(recording), 3)
+    scan = read_scan(sequence, 3)
+    assert np.array_equal(scan.color, same.color)
+    np.testing.assert_allclose(scan.depth_m, 5 * same.depth_m, rtol=1e-6)  # 5000 units a metre, read as 1000
+
+
+def test_the_solver_of_the_docs():
+    solver = block("solver")
+    p, q, T = random_problems(np.random.default_rng(0), solver.MATCHES, 200)
+    found, counts = solver.solve_batch(p, q)
+    assert (counts == 1).all()
+    np.testing.assert_allclose(found[:, 0], T[:, :, :3], atol=1e-9)
+    p[0] = q[0] = 0.5
+    found, counts = solver.solve_batch(p, q)
+    assert counts[0] == 0
+    assert not found[0].any()
+
+
+def test_python_blocks_are_python():
+    for page in PAGES:
+        for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            lines = code if not code.startswith("    ") else "x = {\n" + code + "}\n"
+            compile(lines, page.name, "exec")
