@@ -176,7 +176,7 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
         raise ConfigError(f"{path}: settings are 'section: {{key: value}}', found {type(data).__name__}")
     for override in overrides:
         _apply(data, override)
-    return _validate(data, str(path))
+    return _validate(data, f"{path} with --set" if overrides else str(path))
 
 
 def _apply(data: dict[str, Any], override: str) -> None:

@@ -29,6 +29,11 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 )
 @click.option("--features", type=click.Choice(FEATURES), help="Detector and descriptor.")
 @click.option(
+    "--pairs",
+    metavar="MODE|FILE",
+    help="Scans that are compared: auto, exhaustive, sequential, or a file of lines 'i j'.",
+)
+@click.option(
     "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
 )
 @options.layout
@@ -52,6 +57,7 @@ def register(
     output: Path | None,
     config: str,
     features: str | None,
+    pairs: str | None,
     camera: Path | None,
     layout: str | None,
     max_frames: int | None,
@@ -79,6 +85,8 @@ def register(
 
     if features:
         overrides = (f"features.type={features}", *overrides)
+    if pairs:
+        overrides = (f"matching.pairs={pairs}", *overrides)
     run = run_register(
         sequence,
         output,
