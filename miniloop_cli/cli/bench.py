@@ -14,7 +14,7 @@ BENCHES: dict[str, str] = {
 }
 
 
-@click.group(cls=LazyGroup, lazy=BENCHES, context_settings=CONTEXT)
+@click.group(cls=LazyGroup, lazy=BENCHES, context_settings=CONTEXT, short_help="Experiments and measurements.")
 def bench() -> None:
     """Experiments and measurements; each writes rows (CSV, JSON) and a picture.
 

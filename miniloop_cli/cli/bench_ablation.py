@@ -34,7 +34,7 @@ def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
         ctx.exit()
 
 
-@click.command(name="ablation", context_settings=CONTEXT)
+@click.command(name="ablation", context_settings=CONTEXT, short_help="What each step is worth on a recording.")
 @click.argument("sequences", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--edges",

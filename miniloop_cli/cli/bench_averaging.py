@@ -33,7 +33,7 @@ def _share(ctx: click.Context, parameter: click.Parameter, values: tuple[float, 
     return shares
 
 
-@click.command(name="averaging", context_settings=CONTEXT)
+@click.command(name="averaging", context_settings=CONTEXT, short_help="Motion averaging on graphs with known poses.")
 @click.option("--scans", type=click.IntRange(min=2), multiple=True, default=(100, 1000, 10_000), show_default=True)
 @click.option("--edges", type=click.IntRange(min=1), help="Edges of each graph [default: 5 a scan].")
 @click.option(

@@ -13,7 +13,7 @@ COLUMNS = ("sweep", "noise", "outliers", "method", "variant", "failed", "rot_deg
 COLUMNS += ("inliers_percent_mean",)
 
 
-@click.command(name="noise", context_settings=CONTEXT)
+@click.command(name="noise", context_settings=CONTEXT, short_help="Pairs and cycles against noise and wrong matches.")
 @click.option(
     "--trials", type=click.IntRange(min=1), default=200, show_default=True, help="Scenes a level; paper: 1000."
 )

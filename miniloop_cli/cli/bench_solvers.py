@@ -23,7 +23,7 @@ COLUMNS = {
 }
 
 
-@click.command(name="solvers", context_settings=CONTEXT)
+@click.command(name="solvers", context_settings=CONTEXT, short_help="Solutions, truth found and time of the solvers.")
 @click.option("--problems", type=click.IntRange(min=1), default=100_000, show_default=True, help="Problems a solver.")
 @options.output_dir("results/bench_solvers")
 @options.json_file

@@ -26,7 +26,7 @@ class KeptFile:
     age_days: float
 
 
-@click.group(context_settings=CONTEXT, invoke_without_command=True)
+@click.group(context_settings=CONTEXT, short_help="Work kept between runs: show, prune.", invoke_without_command=True)
 @click.pass_context
 def cache(ctx: click.Context) -> None:
     """Finished work kept between runs (features, matches, edges): show it, or make room.
@@ -41,7 +41,7 @@ def cache(ctx: click.Context) -> None:
         ctx.invoke(show)
 
 
-@cache.command(context_settings=CONTEXT)
+@cache.command(context_settings=CONTEXT, short_help="Where it lies and what it holds.")
 def show() -> None:
     """Say where the cache lies and what it holds, by kind.
 
@@ -59,7 +59,7 @@ def show() -> None:
         click.echo(f"  {kind:<10} {total(own):<26} least recently used {oldest:.0f} days ago")
 
 
-@cache.command(context_settings=CONTEXT)
+@cache.command(context_settings=CONTEXT, short_help="Remove kept work.")
 @click.option(
     "--older-than", "days", type=click.FloatRange(min=0), metavar="DAYS", help="What was not used for so long."
 )

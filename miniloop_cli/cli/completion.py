@@ -16,7 +16,9 @@ FILES = {
 
 
 @click.command(
-    context_settings=CONTEXT, epilog="\b\nSave it to:\n" + "\n".join(f"{k:<5} {v}" for k, v in FILES.items())
+    context_settings=CONTEXT,
+    short_help="Completion script for bash, zsh or fish.",
+    epilog="\b\nSave it to:\n" + "\n".join(f"{k:<5} {v}" for k, v in FILES.items()),
 )
 @click.argument("shell", type=click.Choice(list(FILES)))
 def completion(shell: str) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
 
-@click.group(context_settings=CONTEXT)
+@click.group(context_settings=CONTEXT, short_help="Settings: show, explain, schema.")
 def config() -> None:
     """Settings: show those in effect, explain one, or write their schema.
 
@@ -25,7 +25,7 @@ def config() -> None:
     """
 
 
-@config.command(context_settings=CONTEXT)
+@config.command(context_settings=CONTEXT, short_help="All settings as YAML, each with its meaning.")
 @click.argument("name", metavar="[NAME|FILE]", default="default", shell_complete=options.complete("complete_preset"))
 @options.overrides
 def show(name: str, overrides: tuple[str, ...]) -> None:
@@ -41,7 +41,7 @@ def show(name: str, overrides: tuple[str, ...]) -> None:
     click.echo(described_yaml(load_settings(name, overrides)).strip().replace("\n\n\n", "\n\n"))
 
 
-@config.command(context_settings=CONTEXT)
+@config.command(context_settings=CONTEXT, short_help="JSON schema of a settings file, for editors.")
 def schema() -> None:
     """Print the JSON schema of a settings file, for editors that check and complete YAML.
 
@@ -53,7 +53,7 @@ def schema() -> None:
     options.write_json("-", Settings.model_json_schema())
 
 
-@config.command(context_settings=CONTEXT)
+@config.command(context_settings=CONTEXT, short_help="What a setting does and what it may be.")
 @click.argument("key", metavar="KEY", shell_complete=options.complete("complete_key"))
 def explain(key: str) -> None:
     """Say what a setting does, what it may be, and what the presets make of it; KEY may be a section.

@@ -10,12 +10,13 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 
-@click.command(context_settings=CONTEXT)
+@click.command(context_settings=CONTEXT, short_help="Simulate, register, measure: to see it work.")
 @options.output_dir("demo")
 @click.option("--frames", type=click.IntRange(min=3), default=30, show_default=True, help="Frames to simulate.")
 @options.jobs
 @options.seed
 @options.quiet
+@options.verbose
 def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) -> None:
     """Simulate a small recording, register it, and measure the result: no download, under a minute.
 

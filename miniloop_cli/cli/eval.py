@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "one second"}
 
 
-@click.command(name="eval", context_settings=CONTEXT)
+@click.command(name="eval", context_settings=CONTEXT, short_help="Errors of a result against its ground truth.")
 @click.argument("result", required=False, type=click.Path(exists=True, path_type=Path))
 @click.option(
     "--gt",

@@ -39,7 +39,11 @@ camera = click.option(
 )
 
 
-@click.command(context_settings=CONTEXT, epilog="\b\n" + "\n".join(f"{k:<11} {v[1]}" for k, v in FORMATS.items()))
+@click.command(
+    context_settings=CONTEXT,
+    short_help="A result in the format of another tool.",
+    epilog="\b\n" + "\n".join(f"{k:<11} {v[1]}" for k, v in FORMATS.items()),
+)
 @click.argument(
     "result", metavar="[DIR]", required=False, type=click.Path(file_okay=False, exists=True, path_type=Path)
 )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
 
 
-@click.command(context_settings=CONTEXT)
+@click.command(context_settings=CONTEXT, short_help="What looks wrong with a recording, before a run.")
 @click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
 @click.option(
     "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."

@@ -11,7 +11,7 @@ from miniloop_cli.cli.export import camera, open_model, recording
 from miniloop_cli.cli.main import CONTEXT
 
 
-@click.command(context_settings=CONTEXT)
+@click.command(context_settings=CONTEXT, short_help="One coloured surface from all scans.")
 @click.argument(
     "result", metavar="[DIR]", required=False, type=click.Path(file_okay=False, exists=True, path_type=Path)
 )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 
 
-@click.command(context_settings=CONTEXT)
+@click.command(context_settings=CONTEXT, short_help="Poses and one model from a recording.")
 @click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
 @options.output_dir("results/<name of SEQ>")
 @click.option(

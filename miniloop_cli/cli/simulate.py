@@ -13,7 +13,7 @@ SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 
 
-@click.command(context_settings=CONTEXT)
+@click.command(context_settings=CONTEXT, short_help="A synthetic recording with exact ground truth.")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--frames", type=click.IntRange(min=1), default=30, show_default=True, help="Number of frames.")
 @click.option("--width", type=int, default=640, show_default=True, help="Width of the images (px).")

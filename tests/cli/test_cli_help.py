@@ -119,6 +119,11 @@ def test_no_color(tmp_path):
     assert not color.search(simulated("plain", NO_COLOR=1))
 
 
+@pytest.mark.parametrize("group", [(), ("bench",), ("config",), ("cache",)])
+def test_lists_of_commands_are_not_cut_off(group):
+    assert "..." not in invoke(*group, "--help").stdout.partition("Commands:")[2]
+
+
 def test_version_and_module():
     assert ROOT.joinpath("miniloop_cli", "__main__.py").is_file()
     assert re.fullmatch(r"miniloop, version \d+\.\d+\.\d+\n", invoke("--version").stdout)
