@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,8 +27,11 @@ def exclusive(folder: Path) -> Iterator[None]:
     try:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise MiniloopError(f"{folder} is in use by another run; wait for it or choose another -o") from error
+            held = os.fstat(file.fileno()).st_ino == path.stat().st_ino
+        except (BlockingIOError, FileNotFoundError):
+            held = False  # another run holds it, or removed it between our opening and our locking
+        if not held:
+            raise MiniloopError(f"{folder} is in use by another run; wait for it or choose another -o")
         try:
             yield
         finally:
