@@ -42,6 +42,7 @@ MIN_SHARED = 10  # tracks that tie two scans to each other
 MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
 FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
+COMMON_ERROR = 1.7  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 NO_TIMING = Timing()
 
 
@@ -58,7 +59,10 @@ class Scans:
 
 @dataclass(frozen=True)
 class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found."""
+    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found.
+
+    Those of a bundle adjustment are widened by COMMON_ERROR, measured on simulated recordings (docs/trust.md).
+    """
 
     poses: Poses
     covariance: Floats
@@ -114,7 +118,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
         timing, T = calibrate(T, tracked, scans, known, rough, jobs)
     result = _adjust(T, tracked, scans.camera, fine, jobs, *_undone(T, None, tracked, scans, known, timing))
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
-    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
+    return Refined(Poses(result.T_world_cam, poses.component), COMMON_ERROR**2 * covariance, timing)
 
 
 def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:
