@@ -42,7 +42,7 @@ MIN_SHARED = 10  # tracks that tie two scans to each other
 MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
 FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
-COMMON_ERROR = 1.7  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
+COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 NO_TIMING = Timing()
 
 
