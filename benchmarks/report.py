@@ -83,6 +83,7 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         machine() + " " + loads(results),
         sections.PROTOCOL_TEXT,
     ]
+    matching = {sequence.name: read(results / sequence.name / "matching.json") for sequence in sequences}
     for sequence in sequences:
         folder = results / sequence.name
         runs = {
@@ -93,12 +94,11 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         paths = {name: folder / f"{key}.txt" for key, name in METHODS.items()}
         if runs:
             parts += [f"## {sequence.name}", table(*sections.whole_runs(runs, paths, sequence))]
-            parts += [sections.ratios(runs), table(*sections.stages(runs))]
+            parts += [sections.ratios(runs, matching[sequence.name]), table(*sections.stages(runs))]
         if same := read(folder / "same-poses.json"):
             parts += [sections.same_poses_text(same), table(*sections.same_poses(same, folder, sequence))]
         if ablation := read(folder / "ablation.json"):
             parts += [sections.ABLATION_TEXT, table(*sections.ablation(ablation))]
-    matching = {sequence.name: read(results / sequence.name / "matching.json") for sequence in sequences}
     if any(matching.values()):
         parts += ["## Matching", sections.MATCHING_TEXT, table(*sections.matching(matching))]
     averaging = [row for path in sorted(results.glob("averaging-?.json")) for row in read(path).get("rows", [])]

@@ -56,14 +56,12 @@ def edge_list(sequence: Path) -> Path:
 
 
 def jobs(sequences: list[Path], results: Path) -> list[Job]:
-    """All jobs in order. A first, short run compiles what is compiled and is not reported."""
-    found = [
-        Job(
-            "warm-up",
-            results / "warm-up",
-            script("miniloop_run", sequences[0], results / "warm-up", "--max-frames", "12"),
-        )
-    ]
+    """All jobs in order. First, short runs compile what is compiled; they are not reported."""
+    found = []
+    for config in ("default", "fast", "paper"):
+        out = results / f"warm-up-{config}"
+        command = script("miniloop_run", sequences[0], out, "--config", config, "--max-frames", "30")
+        found.append(Job("warm-up", out, command))
     for sequence in sequences:
         folder = results / sequence.name
 

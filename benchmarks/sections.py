@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 Json = dict[str, Any]
+FULL_COMPARISON = ("rootsift", 1200)  # what is matched of two scans in full
 Table = tuple[list[str], list[list[Any]]]
 
 PROTOCOL_TEXT = """\
@@ -72,13 +73,23 @@ def whole_runs(runs: dict[str, Json], trajectories: dict[str, Path], sequence: P
     return head, rows
 
 
-def ratios(runs: dict[str, Json]) -> str:
+def ratios(runs: dict[str, Json], matching: Json) -> str:
     """How many times miniloop's CPU seconds the peers take."""
     if "miniloop" not in runs:
         return ""
     ours = runs["miniloop"]["usage"]["cpu"]
-    peers = {name: run["usage"]["cpu"] / ours for name, run in runs.items() if not name.startswith("miniloop")}
-    told = [f"{name.split(',')[0]} takes {ratio:.1f} times miniloop's CPU seconds" for name, ratio in peers.items()]
+    peers = {name: run["usage"]["cpu"] for name, run in runs.items() if not name.startswith("miniloop")}
+    told = [f"{name.split(',')[0]} takes {cpu / ours:.1f} times miniloop's CPU seconds" for name, cpu in peers.items()]
+    full = [row for row in matching.get("rows", []) if (row["features"], row["count"]) == FULL_COMPARISON]
+    ms = {row["matcher"]: row["ms"] for row in full}
+    open3d = next((name for name in peers if "Open3D" in name), None)
+    if open3d and ms:
+        frames = runs[open3d]["frames"]
+        more = (ms["OpenCV BFMatcher"] - ms["miniloop"]) / 1000 * frames * (frames - 1) / 2
+        told.append(
+            f"with OpenCV's brute force instead of miniloop's matcher ({more:.0f} s more by the table of matchers below, "
+            f"computed) {open3d} would take {(peers[open3d] + more) / ours:.1f} times"
+        )
     return "; ".join(told) + "." if told else ""
 
 
