@@ -18,8 +18,8 @@ that overlap), the same for all. Ground truth: the nearest sample within 20 ms; 
 included, nothing taken from an earlier run, numba's compiled code loaded from its cache; CPU seconds are user and
 system time of all threads. Open3D gets miniloop's features and matcher, as it has none of its own."""
 MATCHING_TEXT = """\
-Mutual nearest neighbours with the ratio test (0.8), exact, one thread; milliseconds a pair of scans, each pair's
-fastest of three. "Same": share of its matches that miniloop finds as well (bits tie: which of several equally near
+Mutual nearest neighbours with the ratio test (0.8), exact, one thread; CPU milliseconds a pair of scans, each
+pair's fastest of three. "Same": share of its matches that miniloop finds as well (bits tie: which of several equally near
 neighbours is taken differs)."""
 AVERAGING_TEXT = """\
 `miniloop bench averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of the
@@ -87,7 +87,7 @@ def ratios(runs: dict[str, Json], matching: Json) -> str:
         frames = runs[open3d]["frames"]
         more = (ms["OpenCV BFMatcher"] - ms["miniloop"]) / 1000 * frames * (frames - 1) / 2
         told.append(
-            f"with OpenCV's brute force instead of miniloop's matcher ({more:.0f} s more by the table of matchers below, "
+            f"with OpenCV's brute force instead of miniloop's matcher ({more:.0f} s more by the table below, "
             f"computed) {open3d} would take {(peers[open3d] + more) / ours:.1f} times"
         )
     return "; ".join(told) + "." if told else ""
@@ -128,7 +128,7 @@ def matching(found: dict[str, Json]) -> Table:
         for row in data.get("rows", []):
             size = f"{row['features']}, {row['mean_count']:.0f} a scan"
             rows.append([sequence, size, row["matcher"], row["ms"], row["matches"], f"{100 * row['also_ours']:.1f} %"])
-    return ["recording", "features", "", "ms a pair", "matches a pair", "same"], rows
+    return ["recording", "features", "", "CPU ms a pair", "matches a pair", "same"], rows
 
 
 def averaging(found: Sequence[Json]) -> Table:
