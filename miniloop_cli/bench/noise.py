@@ -153,7 +153,8 @@ def _summary(found: Array) -> dict[str, float | None]:
     names = ("rot_deg", "trans", "inliers_percent")
     kinds = {"mean": np.mean, "median": np.median}
     return {
-        f"{name}_{kind}": float(of(found[:, i])) if len(found) else None
+        # Below the ninth digit is rounding, which differs with where an array happens to lie in memory.
+        f"{name}_{kind}": round(float(of(found[:, i])), 9) if len(found) else None
         for i, name in enumerate(names)
         for kind, of in kinds.items()
     }

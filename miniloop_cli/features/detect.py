@@ -78,8 +78,7 @@ def _opencv_detector(kind: str, count: int, contrast: float) -> Any:
     # OpenCV 5 moved AKAZE and BRISK from the main module to the contributed one.
     extra = getattr(cv2, "xfeatures2d", cv2)
     if kind in ("sift", "rootsift"):
-        # Without it, positions from the doubled image are a quarter of a pixel off, which shows in poses.
-        return cv2.SIFT_create(nfeatures=count, contrastThreshold=contrast, enable_precise_upscale=True)
+        return cv2.SIFT_create(nfeatures=count, contrastThreshold=contrast)
     if kind == "orb":
         return cv2.ORB_create(nfeatures=count, fastThreshold=10)
     if kind == "akaze":
