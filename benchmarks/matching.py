@@ -74,7 +74,7 @@ MATCHERS: dict[str, Matcher] = {
 
 
 def measure(descriptors: list[NDArray], pairs: list[tuple[int, int]]) -> list[dict[str, Any]]:
-    """CPU milliseconds a pair, each pair's fastest of a few; matches a pair, and the share that miniloop finds as well."""
+    """CPU milliseconds a pair, each pair's fastest of a few; matches a pair, and the share that miniloop finds too."""
     rows, ours = [], []
     for name, matcher in MATCHERS.items():
         seconds, found = 0.0, []

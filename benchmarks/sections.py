@@ -19,7 +19,7 @@ included, nothing taken from an earlier run, numba's compiled code loaded from i
 system time of all threads. Open3D gets miniloop's features and matcher, as it has none of its own."""
 MATCHING_TEXT = """\
 Mutual nearest neighbours with the ratio test (0.8), exact, one thread; CPU milliseconds a pair of scans, each
-pair's fastest of three. "Same": share of its matches that miniloop finds as well (bits tie: which of several equally near
+pair's fastest of three. "Same": share of its matches that miniloop finds too (bits tie: which of several equally near
 neighbours is taken differs)."""
 AVERAGING_TEXT = """\
 `miniloop bench averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of the
