@@ -37,6 +37,7 @@ def register(
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file.
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
+    from miniloop_cli.ahead import compile_ahead
     from miniloop_cli.artefacts import Store, default_folder
     from miniloop_cli.config import load_settings
     from miniloop_cli.lock import exclusive
@@ -51,6 +52,8 @@ def register(
     for note in (f"camera: {sequence.camera.source}", *sequence.notes):
         LOG.info("%s", note)
     target = Path(output) if output else Path("results") / sequence.name
+    if jobs != 1:
+        compile_ahead()
     with exclusive(target):
         try:
             run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed)
