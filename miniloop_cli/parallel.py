@@ -7,6 +7,7 @@ their inputs without copies. Inner threads are held at one, so that jobs times c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -16,6 +17,20 @@ from threadpoolctl import threadpool_limits
 from miniloop_cli.progress import track
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
+
+
+@contextmanager
+def single_inner_threads() -> Iterator[None]:
+    """Libraries work in the thread that calls them, inside this block.
+
+    Our matrices are small: a library's threads would wait for each other, spinning, longer than they work; and sums
+    cut into as many parts as there are cores would give every machine its own last digits.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)
+    with threadpool_limits(1):
+        yield
 
 
 @dataclass(frozen=True)
@@ -34,9 +49,6 @@ class Workers:
         self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int
     ) -> Iterator[Result]:
         """function(item) for each item, in the order of the items, whatever the number of jobs."""
-        import cv2
-
-        cv2.setNumThreads(1)
-        with threadpool_limits(1):
+        with single_inner_threads():
             parallel = Parallel(n_jobs=self.jobs, backend="threading", return_as="generator")
             yield from track(parallel(delayed(function)(item) for item in items), description, total, self.quiet)

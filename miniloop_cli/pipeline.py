@@ -25,7 +25,7 @@ from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.retrieval import STRONGEST, around
 from miniloop_cli.graph.witness import Witness
-from miniloop_cli.parallel import Workers
+from miniloop_cli.parallel import Workers, single_inner_threads
 from miniloop_cli.poses import Poses, average
 from miniloop_cli.refine import Scans, refine
 from miniloop_cli.refinement.timing import Timing
@@ -64,6 +64,7 @@ class Stopwatch:
         LOG.info("%s: %.1f s", name, self.seconds[name])
 
 
+@single_inner_threads()
 def register(sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0) -> Registration:
     """Poses of all scans of a sequence.
 
