@@ -1,11 +1,14 @@
-"""Random minimal problems with known truth: exact cycles of scans that see random points of one cube."""
+"""Random problems with known truth: exact minimal ones of scans in a cube, and noisy cycles with wrong matches."""
 
 from __future__ import annotations
+
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.ransac.matches import EdgeMatches
 from miniloop_cli.solvers.batch import edges_of
 
 Array = NDArray[np.float64]
@@ -45,3 +48,33 @@ def random_problems(
         q.append(se3.transform(T_scan_world[:, j], points))
     T = T_scan_world[:, 1:] @ se3.inverse(T_scan_world[:, :-1])
     return np.concatenate(p, axis=1), np.concatenate(q, axis=1), T
+
+
+def noisy_cycle(
+    rng: np.random.Generator,
+    scans: int,
+    matches: int = 200,
+    outliers: float = 0.4,
+    sigma_m: float = 0.005,
+    upright: bool = False,
+) -> tuple[list[EdgeMatches], Array]:
+    """Edges of a pair or a cycle of scans, the closing edge last, and their true poses T (edges, 4, 4).
+
+    Cameras turn and move by 0.3 rad and 0.3 m (standard deviation an axis) from scan to scan; points lie within 2 m of
+    a place 2.5 m before the first scan of their edge, with the same noise an axis in both scans. Of the `matches` of
+    an edge this share, at random places, are wrong: their second point is another point of such a place.
+    """
+    w = rng.normal(size=(scans - 1, 3), scale=0.3) * ([0, 0, 1] if upright else [1, 1, 1])
+    T = list(se3.pose(se3.exp_so3(w), rng.normal(size=(scans - 1, 3), scale=0.3)))
+    if scans > 2:
+        T.append(reduce(lambda whole, step: step @ whole, T))
+    edges, covariance = [], np.broadcast_to(sigma_m**2 * np.eye(3), (matches, 3, 3))
+    low, high = [-2.0, -2.0, 0.5], [2.0, 2.0, 4.5]
+    for pose in T:
+        p = rng.uniform(low, high, (matches, 3))
+        q = se3.transform(pose, p)
+        wrong = rng.permutation(matches)[: round(outliers * matches)]
+        q[wrong] = se3.transform(pose, rng.uniform(low, high, (len(wrong), 3)))
+        p, q = (x + rng.normal(size=x.shape, scale=sigma_m) for x in (p, q))
+        edges.append(EdgeMatches(p, q, covariance, covariance))
+    return edges, np.array(T)

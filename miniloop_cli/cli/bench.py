@@ -11,6 +11,7 @@ BENCHES: dict[str, str] = {
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
+    "weakloops": "miniloop_cli.cli.bench_weakloops:bench_weakloops",
 }
 
 

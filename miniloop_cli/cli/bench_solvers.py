@@ -20,6 +20,7 @@ COLUMNS = {
     "us_per_call_batch": "us batch",
     "us_per_call_single": "us single",
     "paper_us": "us paper",
+    "ransac_ms": "ransac ms",
 }
 
 
@@ -31,6 +32,8 @@ COLUMNS = {
 @options.quiet
 def bench_solvers(problems: int, output: Path | None, json_path: str | None, seed: int, quiet: bool) -> None:
     """Minimal solvers on exact random cycles: number of solutions, truth found, time a call.
+
+    ransac ms: the joint estimator on one pair or cycle of 200 matches an edge, 40 % of them wrong, 2000 hypotheses.
 
     \b
     Example:   miniloop bench solvers --problems 10000

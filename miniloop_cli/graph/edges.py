@@ -114,9 +114,9 @@ def _hopeless(matches: Matches, points: Sequence[ScanPoints], settings: Settings
 def _solve_cycle(
     number: int, cycle: Cycle, matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int
 ) -> list[Edge]:
-    cycle = _weakest_last(cycle, matches)
-    chain = list(pairwise(cycle)) + ([(cycle[0], cycle[-1])] if len(cycle) > 2 else [])
-    inputs = [_directed(points, pair, matches) for pair in chain]
+    cycle = weakest_last(cycle, matches)
+    chain = sides(cycle)
+    inputs = [directed(points, pair, matches) for pair in chain]
     rng = np.random.default_rng([seed, len(cycle), *cycle])
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
     if result is None:
@@ -127,26 +127,33 @@ def _solve_cycle(
     ]
 
 
-def _weakest_last(cycle: Cycle, matches: Matches) -> Cycle:
+def weakest_last(cycle: Cycle, matches: Matches) -> Cycle:
     """The same cycle, begun so that its weakest edge closes it: there a 3- or 4-cycle asks for one match only."""
     if len(cycle) == 2:
         return cycle
-    sides = list(zip(cycle, cycle[1:] + cycle[:1], strict=True))
-    weakest = min(range(len(cycle)), key=lambda k: (len(matches[_sorted(sides[k])]), sides[k]))
+    ring = list(zip(cycle, cycle[1:] + cycle[:1], strict=True))
+    weakest = min(range(len(cycle)), key=lambda k: (len(matches[in_order(ring[k])]), ring[k]))
     return cycle[weakest + 1 :] + cycle[: weakest + 1]
 
 
-def _sorted(pair: Pair) -> Pair:
+def sides(cycle: Cycle) -> list[Pair]:
+    """Edges of a cycle as they are solved: along the chain, then the closing one from the first scan to the last."""
+    return list(pairwise(cycle)) + ([(cycle[0], cycle[-1])] if len(cycle) > 2 else [])
+
+
+def in_order(pair: Pair) -> Pair:
+    """The pair, smaller number first."""
     return (min(pair), max(pair))
 
 
-def _directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> EdgeMatches:
-    found = edge_matches(points, _sorted(pair), matches[_sorted(pair)])
+def directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> EdgeMatches:
+    """Matches from scan pair[0] to scan pair[1], whichever of the two has the smaller number."""
+    found = edge_matches(points, in_order(pair), matches[in_order(pair)])
     return found if pair[0] < pair[1] else found.reversed
 
 
 def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
-    i, j = _sorted(pair)
+    i, j = in_order(pair)
     rows, reason = matches[i, j], "no hypothesis fits the matches"
     return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name, reason=reason)
 
@@ -158,7 +165,7 @@ def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number:
         A = adjoint(T)
         information, covariance = A.T @ information @ A, np.linalg.inv(A) @ covariance @ np.linalg.inv(A).T
         T = se3.inverse(T)
-    i, j = _sorted(pair)
+    i, j = in_order(pair)
     cycle = number if scans > 2 else -1
     return Edge(i, j, matches[i, j], found.inliers, T, information, covariance, SOLVERS[scans].name, cycle, hypotheses)
 

@@ -1,0 +1,241 @@
+"""Edges with few matches, solved alone and in cycles: which share of them comes out right.
+
+Weak edges are made by thinning the matches of well connected pairs of a recording, or are taken as they are. Each is
+solved as a pair and as the weakest edge of one cycle of every length, with the same matches, the same fixed number of
+hypotheses and the same final refinement. The other edges of a cycle are strong, or as weak as the edge itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, default_folder
+from miniloop_cli.config import Ransac, load_settings
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.association import associate
+from miniloop_cli.evaluation.errors import relative_errors
+from miniloop_cli.features.detect import comparable
+from miniloop_cli.features.extract import extract
+from miniloop_cli.files import atomic_write
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.candidates import listed_pairs, match_progressively
+from miniloop_cli.graph.cycles import Cycle
+from miniloop_cli.graph.edges import directed, in_order, sides, weakest_last
+from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, overlap_graph, scan_points
+from miniloop_cli.parallel import Workers
+from miniloop_cli.ransac.estimate import estimate
+from miniloop_cli.ransac.search import SOLVERS
+from miniloop_cli.scans import open_sequence, read_ground_truth
+
+Row = dict[str, Any]
+BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
+FEW, MANY = BINS[0][0], BINS[-1][1]
+STRONG = 40  # matches from which an edge can be a strong partner
+RIGHT_DEG, RIGHT_M = 5.0, 0.10
+LEAST_TRUE = 5  # matches within RIGHT_M of the truth; with fewer, no estimator can be expected to find it
+LENGTHS = (3, 4, 5, 6, 7)
+KINDS, PARTNERS = ("thinned", "real"), ("strong", "weak")
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """A recording as the graph sees it: points of its scans, matches of its pairs, true poses and where they hold."""
+
+    name: str
+    points: Sequence[ScanPoints]
+    matches: Matches
+    T_world_cam: NDArray[np.float64]
+    known: NDArray[np.bool_]
+
+    def right(self, pair: Pair, T_j_i: NDArray[np.float64]) -> tuple[bool, float, float]:
+        """Whether a relative pose (4, 4) is right; its errors in degrees and metres."""
+        T = np.stack([np.eye(4), se3.inverse(T_j_i)])
+        (deg,), (metres,) = relative_errors(T, self.T_world_cam[list(pair)], np.array([[0, 1]]))
+        return bool(deg < RIGHT_DEG and metres < RIGHT_M), float(deg), float(metres)
+
+    def true_matches(self, pair: Pair, rows: NDArray[np.int64]) -> int:
+        """How many of the matches (m, 2) the true relative pose brings together."""
+        edge = edge_matches(self.points, pair, rows)
+        T_j_i = se3.inverse(self.T_world_cam[pair[1]]) @ self.T_world_cam[pair[0]]
+        return int((np.linalg.norm(se3.transform(T_j_i, edge.p) - edge.q, axis=1) < RIGHT_M).sum())
+
+
+def read_overlaps(folder: Path, max_frames: int | None, workers: Workers) -> Overlaps:
+    """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
+    sequence, settings = open_sequence(folder, max_frames=max_frames), load_settings()
+    truth = read_ground_truth(sequence)
+    if truth is None:
+        raise InputError(f"{folder} comes without ground truth: there is nothing to tell right edges by")
+    scans = [scan.features for scan in extract(sequence, settings, Store(default_folder()), workers)]
+    points = [scan_points(scan, sequence.camera) for scan in scans]
+    matching = settings.matching.model_copy(update={"min_matches": FEW})
+    strongest = [
+        comparable(scan.descriptors[: min(scan.with_depth, matching.count)], settings.features.type) for scan in scans
+    ]
+    pairs = listed_pairs(len(scans), "auto", matching)
+    stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+    T_world_cam, known = associate(stamps, truth)
+    matches = match_progressively(strongest, points, pairs, matching, workers)
+    return Overlaps(sequence.name, points, matches, T_world_cam, known)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A weak edge, and one cycle of each length through it; `matches` of all edges that occur."""
+
+    pair: Pair
+    cycles: dict[int, Cycle]
+    matches: Matches
+
+
+def draw_loops(overlaps: Overlaps, kind: str, partners: str, most: int, rng: np.random.Generator) -> list[Loop]:
+    """At most `most` weak edges that lie on cycles of all LENGTHS, and these cycles, at random."""
+    strong = {pair: rows for pair, rows in overlaps.matches.items() if len(rows) >= STRONG}
+    if kind == "thinned":
+        weak = {pair: _some(rows, rng) for pair, rows in strong.items()}
+    else:
+        weak = {pair: rows for pair, rows in overlaps.matches.items() if len(rows) <= MANY}
+    known = overlaps.known
+    weak = {
+        (i, j): rows
+        for (i, j), rows in weak.items()
+        if known[i] and known[j] and overlaps.true_matches((i, j), rows) >= LEAST_TRUE
+    }
+    others = strong if partners == "strong" else weak
+    graph, loops = overlap_graph(len(overlaps.points), others), []
+    targets = list(weak)
+    for k in rng.permutation(len(targets)):
+        if len(loops) == most:
+            break
+        cycles = {n: random_cycle(graph, targets[k], n, rng) for n in LENGTHS}
+        if all(cycles.values()):
+            loops.append(Loop(targets[k], cycles, {**others, targets[k]: weak[targets[k]]}))
+    return loops
+
+
+def _some(rows: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """FEW to MANY of the matches, in their order."""
+    return rows[np.sort(rng.permutation(len(rows))[: rng.integers(FEW, MANY + 1)])]
+
+
+def random_cycle(graph: nx.Graph, pair: Pair, length: int, rng: np.random.Generator) -> Cycle:
+    """A cycle of `length` scans over the edge `pair` and else edges of the graph; empty if there is none."""
+    left = nx.restricted_view(graph, [], [pair] if graph.has_edge(*pair) else [])
+    steps = nx.single_source_shortest_path_length(left, pair[1], cutoff=length - 1)
+
+    def extended(path: Cycle) -> Cycle:
+        if len(path) == length:
+            return path if path[-1] == pair[1] else ()
+        ahead = length - len(path) - 1
+        near = [
+            k
+            for k in left[path[-1]]
+            if k not in path and steps.get(k, length) <= ahead and (k != pair[1]) == (ahead > 0)
+        ]
+        for k in rng.permutation(len(near)):
+            if found := extended((*path, near[k])):
+                return found
+        return ()
+
+    return extended((pair[0],))
+
+
+def solve_loop(
+    loop: Loop, overlaps: Overlaps, hypotheses: int, seed: int
+) -> dict[str, tuple[bool, float, float, float]]:
+    """Of each solver: is the edge right, its errors (degrees, metres; infinite without an estimate), CPU seconds."""
+    settings, chi2 = Ransac(iterations=hypotheses, adaptive=False), load_settings().verification.chi2
+    results = {}
+    for scans, cycle in ({2: loop.pair} | loop.cycles).items():
+        edges = sides(weakest_last(cycle, loop.matches))
+        inputs = [directed(overlaps.points, edge, loop.matches) for edge in edges]
+        begin = time.thread_time()
+        found = estimate(inputs, settings, chi2, np.random.default_rng([seed, scans, *loop.pair]))
+        seconds = time.thread_time() - begin
+        outcome = (False, np.inf, np.inf)
+        if found is not None:
+            (k,) = (k for k, edge in enumerate(edges) if in_order(edge) == loop.pair)
+            T = found.edges[k].T
+            outcome = overlaps.right(loop.pair, T if edges[k] == loop.pair else se3.inverse(T))
+        results[SOLVERS[scans].name] = (*outcome, seconds)
+    return results
+
+
+def weak_loop_rows(
+    folders: Sequence[Path], most: int, hypotheses: int, max_frames: int | None, seed: int, workers: Workers
+) -> Iterator[Row]:
+    """A row a recording, kind of weak edge, kind of partners, number of matches (bins, then all) and solver.
+
+    Everything but the seconds depends on the seed alone.
+    """
+    for folder in folders:
+        overlaps = read_overlaps(folder, max_frames, workers)
+        for k, kind in enumerate(KINDS):
+            for p, partners in enumerate(PARTNERS):
+                loops = draw_loops(overlaps, kind, partners, most, np.random.default_rng([seed, k, p]))
+                solved = list(
+                    workers.map(
+                        lambda loop: solve_loop(loop, overlaps, hypotheses, seed),  # noqa: B023
+                        loops,
+                        f"{overlaps.name}: {kind} edges, {partners} partners",
+                        len(loops),
+                    )
+                )
+                sizes = np.array([len(loop.matches[loop.pair]) for loop in loops])
+                for low, high in (*BINS, (FEW, MANY)):
+                    inside = np.flatnonzero((sizes >= low) & (sizes <= high))
+                    for solver in solved[0] if len(inside) else ():
+                        outcome = np.array([solved[m][solver] for m in inside])
+                        yield {
+                            "sequence": overlaps.name,
+                            "weak": kind,
+                            "partners": partners,
+                            "matches": f"{low}-{high}",
+                            "solver": solver,
+                            "edges": len(inside),
+                            "right_share": round(float(outcome[:, 0].mean()), 4),
+                            "rot_deg_median": _finite(np.median(outcome[:, 1])),
+                            "trans_cm_median": _finite(100 * np.median(outcome[:, 2])),
+                            "hypotheses": hypotheses,
+                            "cpu_ms": round(1e3 * float(outcome[:, 3].mean()), 3),
+                        }
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 6) if np.isfinite(value) else None
+
+
+def draw_weak_loops(rows: Sequence[Row], path: Path) -> None:
+    """Share of right edges by number of matches: a row of panels a recording, a line a solver."""
+    from matplotlib.figure import Figure
+
+    sequences = list(dict.fromkeys(row["sequence"] for row in rows))
+    cases = [(kind, partners) for kind in KINDS for partners in PARTNERS]
+    figure = Figure(figsize=(13, 3.2 * max(len(sequences), 1) + 0.3), layout="constrained")
+    panels = figure.subplots(max(len(sequences), 1), len(cases), sharey=True, squeeze=False)
+    bins = [f"{low}-{high}" for low, high in BINS]
+    for line, sequence in zip(panels, sequences, strict=False):
+        for axes, (kind, partners) in zip(line, cases, strict=True):
+            here = [r for r in rows if (r["sequence"], r["weak"], r["partners"]) == (sequence, kind, partners)]
+            for k, solver in enumerate(dict.fromkeys(row["solver"] for row in rows)):
+                mine = {row["matches"]: 100 * row["right_share"] for row in here if row["solver"] == solver}
+                x = [place for place, name in enumerate(bins) if name in mine]
+                style = {"color": "black", "linewidth": 2} if solver == "pairwise" else {"color": f"C{k - 1}"}
+                axes.plot(x, [mine[bins[place]] for place in x], "o-", markersize=4, label=solver, **style)
+            counts = {row["matches"]: row["edges"] for row in here}
+            axes.set_xticks(range(len(bins)), [f"{name}\n({counts.get(name, 0)})" for name in bins])
+            axes.set_title(f"{sequence}\n{kind} edges, {partners} partners", fontsize=9)
+            axes.grid(alpha=0.3)
+        line[0].set_ylabel("right edges [%]")
+    panels[0, -1].legend(fontsize=8)
+    figure.supxlabel("matches of the edge (edges)", fontsize=9)
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=120)
