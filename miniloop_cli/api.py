@@ -26,6 +26,8 @@ def register(
     overrides: Many[str] = (),
     layout: str | None = None,
     camera: Path | str | None = None,
+    gravity: Path | str | None = None,
+    init: Path | str | None = None,
     max_frames: int | None = None,
     jobs: int = -1,
     seed: int = 0,
@@ -34,7 +36,8 @@ def register(
 ) -> Registration:
     """Register a recording and write its results, report included, to `output` (default `results/<name>`).
 
-    `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file.
+    `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
+    `gravity`: an accelerometer table, `init`: rough poses in TUM's format (docs/priors.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
     from miniloop_cli.ahead import compile_ahead
@@ -43,6 +46,7 @@ def register(
     from miniloop_cli.lock import exclusive
     from miniloop_cli.parallel import Workers
     from miniloop_cli.pipeline import register as run_pipeline
+    from miniloop_cli.priors import read_priors
     from miniloop_cli.scans import open_sequence
 
     if isinstance(settings, (str, Path)):
@@ -51,12 +55,13 @@ def register(
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
     for note in (f"camera: {sequence.camera.source}", *sequence.notes):
         LOG.info("%s", note)
+    priors = read_priors(sequence, gravity, init)
     target = Path(output) if output else Path("results") / sequence.name
     if jobs != 1:
         compile_ahead()
     with exclusive(target):
         try:
-            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed)
+            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed, priors)
         except RegistrationError as error:
             if error.run is None:
                 raise

@@ -89,6 +89,30 @@ class Cycles(Section):
     )
 
 
+class Gravity(Section):
+    """With `--gravity`: how far an accelerometer is believed."""
+
+    sigma_deg: float = Field(1.5, gt=0, description="Standard deviation of a frame's vertical (degrees).")
+    agree_deg: float = Field(4.0, gt=0, description="An edge that agrees so well is confirmed by it (degrees).")
+    max_deg: float = Field(8.0, gt=0, description="An edge that contradicts the vertical by more is dropped (degrees).")
+    max_median_deg: float = Field(
+        3.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is not used (degrees)."
+    )
+    min_alone: int = Field(
+        8, ge=3, description="In place of averaging.min_alone for edges that gravity confirms: inliers without a loop."
+    )
+
+
+class Rough(Section):
+    """With `--init`: how far rough relative poses may be off."""
+
+    max_deg: float = Field(20.0, gt=0, description="An edge that contradicts them by more is dropped (degrees).")
+    max_m: float = Field(0.5, gt=0, description="An edge that contradicts them by more is dropped (m).")
+    min_alone: int = Field(
+        8, ge=3, description="In place of averaging.min_alone for edges that agree: inliers without a loop."
+    )
+
+
 class Averaging(Section):
     """From relative to absolute poses."""
 
@@ -134,6 +158,8 @@ class Settings(Section):
     ransac: Ransac = Ransac()
     verification: Verification = Verification()
     cycles: Cycles = Cycles()
+    gravity: Gravity = Gravity()
+    rough: Rough = Rough()
     averaging: Averaging = Averaging()
     refine: Literal["none", "posegraph", "bundle"] = Field("bundle", description="Joint refinement of all poses.")
     bundle: Bundle = Bundle()

@@ -22,16 +22,20 @@ from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progr
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
+from miniloop_cli.graph.priors import judged_by_priors
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.retrieval import STRONGEST, around
+from miniloop_cli.graph.rough import rough_pairs
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers, single_inner_threads
 from miniloop_cli.poses import Poses, average
+from miniloop_cli.priors import Priors
 from miniloop_cli.refine import Scans, refine
 from miniloop_cli.refinement.timing import Timing
 from miniloop_cli.scans.sequence import Sequence
 
 LOG = logging.getLogger("miniloop")
+NO_PRIORS = Priors()
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,7 @@ class Registration:
     covariance: NDArray[np.float64]
     timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 class Stopwatch:
@@ -65,8 +70,10 @@ class Stopwatch:
 
 
 @single_inner_threads()
-def register(sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0) -> Registration:
-    """Poses of all scans of a sequence.
+def register(
+    sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0, priors: Priors = NO_PRIORS
+) -> Registration:
+    """Poses of all scans of a sequence; `priors`: what is known of its frames beside their images.
 
     Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
@@ -79,18 +86,22 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
     with watch.stage("matching"):
         points = [scan_points(found, sequence.camera) for found in features]
         matches_key = fingerprint(features_key, settings.matching.model_dump())
-        matches = _match(features, points, settings, matches_key, store, workers)
+        likely = None
+        if priors.T_world_cam is not None:
+            likely = rough_pairs(priors.T_world_cam, points, sequence.camera, settings.rough)
+        matches = _match(features, points, settings, matches_key, store, workers, likely)
     with watch.stage("edges"):
         solving = [settings.ransac, settings.verification, settings.cycles]
-        edges_key = fingerprint(matches_key, [section.model_dump() for section in solving], seed)
+        edges_key = fingerprint(matches_key, list(matches), [section.model_dump() for section in solving], seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
+        edges, notes = judged_by_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
         steps = steps_m(features, points, sequence.camera.width, settings, workers)
         witness = Witness([scan.view for scan in scans], points, steps, sequence.camera)
         poses, edges = average(edges, count, settings.averaging, witness)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
-            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds)
+            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds, notes)
             raise RegistrationError(_why_nothing(scans, edges, settings), run)
     with watch.stage("refinement"):
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
@@ -98,7 +109,7 @@ def register(sequence: Sequence, settings: Settings, store: Store, workers: Work
         inputs = Scans(features, points, stamps, depth_stamps, sequence.camera)
         refined = refine(poses, edges, inputs, settings, workers)
     return Registration(
-        sequence, settings, seed, scans, edges, refined.poses, refined.covariance, refined.timing, watch.seconds
+        sequence, settings, seed, scans, edges, refined.poses, refined.covariance, refined.timing, watch.seconds, notes
     )
 
 
@@ -109,8 +120,12 @@ def _match(
     key: str,
     store: Store,
     workers: Workers,
+    likely: list[Pair] | None = None,
 ) -> Matches:
-    """Matches of the pairs that the settings name; of a long recording first those retrieved, then around its loops."""
+    """Matches of the pairs that the settings name; of a long recording first those retrieved, then around its loops.
+
+    `likely`: the pairs that rough poses name, in place of all or of those retrieved.
+    """
     matching, kind = settings.matching, settings.features.type
     strongest = [comparable(scan.descriptors[: min(scan.with_depth, matching.count)], kind) for scan in features]
 
@@ -119,6 +134,8 @@ def _match(
             return match_progressively(strongest, points, pairs, matching, workers)
         return match_fully(strongest, pairs, matching, workers)
 
+    if matching.pairs == "auto" and likely is not None:
+        return matches_by_chunk(likely, key, store, compare)
     if matching.pairs != "auto" or len(features) <= matching.all_up_to:
         return matches_by_chunk(listed_pairs(len(features), matching.pairs, matching), key, store, compare)
     small = [compact(scan.descriptors[:STRONGEST], kind)[0] for scan in features]

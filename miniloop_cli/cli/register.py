@@ -36,6 +36,18 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 @click.option(
     "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
 )
+@click.option(
+    "--gravity",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Accelerometer readings (timestamp ax ay az): the known vertical confirms weak edges.",
+)
+@click.option(
+    "--init",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Rough poses (TUM format): which scans to compare, and what cannot be.",
+)
 @options.layout
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 @options.overrides
@@ -59,6 +71,8 @@ def register(
     features: str | None,
     pairs: str | None,
     camera: Path | None,
+    gravity: Path | None,
+    init: Path | None,
     layout: str | None,
     max_frames: int | None,
     overrides: tuple[str, ...],
@@ -94,6 +108,8 @@ def register(
         overrides=overrides,
         layout=layout,
         camera=camera,
+        gravity=gravity,
+        init=init,
         max_frames=max_frames,
         jobs=jobs,
         seed=seed,

@@ -29,6 +29,7 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 @click.option("--rolling-shutter", type=float, default=0.0, show_default=True, help="First to last row (s).")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Frames a second.")
 @click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
+@click.option("--accelerometer", is_flag=True, help="Also write accelerometer.txt (m/s^2, camera axes, noisy).")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
 @options.seed
 @options.quiet
@@ -48,6 +49,7 @@ def simulate(
     rolling_shutter: float,
     rate: float,
     focal: float | None,
+    accelerometer: bool,
     overwrite: bool,
     seed: int,
     quiet: bool,
@@ -81,6 +83,7 @@ def simulate(
         rolling_shutter_s=rolling_shutter,
         rate_hz=rate,
         focal_px=focal,
+        accelerometer=accelerometer,
     )
     if not quiet:
         click.echo(f"{frames} frames with ground truth in {done}; next: miniloop register {folder}", err=True)

@@ -68,6 +68,8 @@ def summary(run: Registration) -> dict[str, Any]:
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
     solvers = Counter(edge.solver for edge in run.edges)
     covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
+    covered |= {"pairwise": solvers.get("pairwise", 0)}
+    covered |= {name: count for name, count in sorted(solvers.items()) if name.startswith("planar")}
     return {
         "sequence": run.sequence.name,
         "recording": str(run.sequence.root),
@@ -79,11 +81,11 @@ def summary(run: Registration) -> dict[str, Any]:
         "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
         "edges": sum(edge.verdict == VERIFIED for edge in run.edges),
         "verdicts": dict(sorted(Counter(edge.verdict for edge in run.edges).items())),
-        "cycles": covered | {"pairwise": solvers.get("pairwise", 0)},
+        "cycles": covered,
         "camera": run.sequence.camera.source,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
-        "notes": list(run.sequence.notes),
+        "notes": [*run.sequence.notes, *run.notes],
         "timings_s": run.timings_s,
         "seed": run.seed,
         "versions": versions(),

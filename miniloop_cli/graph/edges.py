@@ -27,7 +27,8 @@ class Edge:
 
     `T_j_i` (4, 4) maps points of scan i into scan j; `matches` (m, 2) feature rows, `inliers` (m,) bool;
     `information` and `covariance` (6, 6) as in EdgeEstimate; `cycle`: number of the cycle that was solved, -1 for a
-    pair; `verdict`: verified, weak (few inliers: used only by scans that need it) or rejected, with the `reason`.
+    pair; `verdict`: verified, weak (few inliers: used only by scans that need it) or rejected, with the `reason`;
+    `confirmed`: something beside the images speaks for it, so that it may stand without a loop of edges.
     """
 
     i: int
@@ -42,6 +43,7 @@ class Edge:
     hypotheses: int = 0
     verdict: str = REJECTED
     reason: str = ""
+    confirmed: bool = False
 
     @property
     def inlier_count(self) -> int:
@@ -121,8 +123,9 @@ def _solve_cycle(
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
     if result is None:
         return [_unsolved(pair, matches, len(cycle)) for pair in chain]
+    solver, cycle_number = SOLVERS[len(cycle)].name, number if len(cycle) > 2 else -1
     return [
-        judge(_edge(pair, found, matches, len(cycle), number, result.hypotheses), settings.verification)
+        judged_edge(pair, found, matches, solver, result.hypotheses, settings.verification, cycle_number)
         for pair, found in zip(chain, result.edges, strict=True)
     ]
 
@@ -158,7 +161,16 @@ def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
     return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name, reason=reason)
 
 
-def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number: int, hypotheses: int) -> Edge:
+def judged_edge(
+    pair: Pair,
+    found: EdgeEstimate,
+    matches: Matches,
+    solver: str,
+    hypotheses: int,
+    settings: Verification,
+    cycle: int = -1,
+) -> Edge:
+    """What was found for a pair, in either direction, as an edge with its verdict."""
     T, information, covariance = found.T, found.information, found.covariance
     if pair[0] > pair[1]:
         # xi of the inverse pose is -Ad(T^-1) xi: information I_inv = Ad(T)^T I Ad(T).
@@ -166,8 +178,8 @@ def _edge(pair: Pair, found: EdgeEstimate, matches: Matches, scans: int, number:
         information, covariance = A.T @ information @ A, np.linalg.inv(A) @ covariance @ np.linalg.inv(A).T
         T = se3.inverse(T)
     i, j = in_order(pair)
-    cycle = number if scans > 2 else -1
-    return Edge(i, j, matches[i, j], found.inliers, T, information, covariance, SOLVERS[scans].name, cycle, hypotheses)
+    edge = Edge(i, j, matches[i, j], found.inliers, T, information, covariance, solver, cycle, hypotheses)
+    return judge(edge, settings)
 
 
 def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,10 +30,7 @@ def partners(
     T_world_cam: Floats, scans: NDArray[np.int64], points: Sequence[ScanPoints], camera: Camera, most: int
 ) -> list[Pair]:
     """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted."""
-    T = np.ascontiguousarray(T_world_cam[scans])
-    sample = sample_points([points[k] for k in scans])
-    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height])
-    share = _shares(T, np.ascontiguousarray(se3.inverse(T)), sample, lens)
+    share = in_view(T_world_cam, scans, points, camera)
     share = np.minimum(share, share.T)
     np.fill_diagonal(share, 0.0)
     best = np.argsort(-share, axis=1, kind="stable")[:, :most]
@@ -44,6 +41,14 @@ def partners(
         if share[a, b] >= MIN_SHARE
     }
     return sorted(pairs)
+
+
+def in_view(T_world_cam: Floats, scans: NDArray[np.int64], points: Sequence[ScanPoints], camera: Camera) -> Floats:
+    """(m, m) share of the points of each of the m `scans` (row) that lie in the image of each other (column)."""
+    T = np.ascontiguousarray(T_world_cam[scans])
+    sample = sample_points([points[k] for k in scans])
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height])
+    return _shares(T, np.ascontiguousarray(se3.inverse(T)), sample, lens)
 
 
 @njit(cache=True, nogil=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.ransac.matches import EdgeMatches, pack
+from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
 from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
 from miniloop_cli.ransac.settle import edge_poses, settle
 
@@ -60,14 +60,43 @@ def estimate(
     if scans not in solvers or not edges:
         raise MiniloopError(f"there is no solver for {len(edges)} edges in a cycle")
     matches, soft = pack(edges), settings.score == "msac"
-    variance = (matches.CP[[0, 3, 5]].sum(axis=0) + matches.CQ[[0, 3, 5]].sum(axis=0)) / 3
-    gate2 = settings.threshold_m**2 + (SIGMAS**2 * variance if soft else 0 * variance)
+    gate2 = _gate2(matches, settings)
     T, hypotheses = search(matches, 1 / gate2, solvers[scans], settings, upright, rng)
     if T is None:
         return None
     if not soft:
         return _counted(edges, T, settings.threshold_m, hypotheses)
-    settled = settle(T, matches, 4 * gate2.max(), chi2_gate, upright)
+    return _settled(edges, T, matches, 4 * gate2.max(), chi2_gate, upright, hypotheses)
+
+
+def refit(
+    edges: Sequence[EdgeMatches], T: Floats, settings: Ransac, chi2_gate: float, hypotheses: int = 0
+) -> CycleEstimate | None:
+    """The end of `estimate` from poses T (n-1, 3, 4) of the chain that were found in another way."""
+    matches = pack(edges)
+    if settings.score == "count":
+        return _counted(edges, T, settings.threshold_m, hypotheses)
+    return _settled(edges, T, matches, 4 * _gate2(matches, settings).max(), chi2_gate, False, hypotheses)
+
+
+def _gate2(matches: Packed, settings: Ransac) -> Floats:
+    """(N,) squared inlier distance (m^2) of each match while sampling."""
+    if settings.score == "count":
+        return np.full(matches.P.shape[1], settings.threshold_m**2)
+    variance = (matches.CP[[0, 3, 5]].sum(axis=0) + matches.CQ[[0, 3, 5]].sum(axis=0)) / 3
+    return settings.threshold_m**2 + SIGMAS**2 * variance
+
+
+def _settled(
+    edges: Sequence[EdgeMatches],
+    T: Floats,
+    matches: Packed,
+    gate2: float,
+    chi2_gate: float,
+    upright: bool,
+    hypotheses: int,
+) -> CycleEstimate | None:
+    settled = settle(T, matches, gate2, chi2_gate, upright)
     if settled is None:
         return None
     chi2, information, covariance = settled

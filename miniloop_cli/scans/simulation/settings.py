@@ -36,6 +36,7 @@ class SimulationSettings:
     rolling_shutter_s: float = 0.0  # time between the first and the last row of an image
     rate_hz: float = 10.0
     focal_px: float | None = None  # None: 525 px at a width of 640
+    accelerometer: bool = False  # also write accelerometer.txt, at 100 Hz, with noise and bias
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:

@@ -20,6 +20,9 @@ from miniloop_cli.scans.simulation.settings import SimulationSettings
 START_S = 1000.0  # stamps begin here
 BLUR_SAMPLES = 6
 TRUTH_RATE_HZ = 100.0
+GRAVITY_M_S2 = 9.81
+ACCELEROMETER_NOISE_M_S2, ACCELEROMETER_BIAS_M_S2 = 0.2, 0.1  # of each axis; a degree is 0.17 m/s^2
+ACCELEROMETER_RANGE_M_S2 = 2 * GRAVITY_M_S2  # as a Kinect's
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,22 @@ def true_trajectory(settings: SimulationSettings, rng: Generator) -> Trajectory:
     frames = frame_times_s(settings)
     t = np.union1d(frames, np.round(np.arange(0, frames[-1], 1 / TRUTH_RATE_HZ), 6))
     return Trajectory(np.round(START_S + t, 6), path(t))
+
+
+def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Stamps (n,) seconds and what an accelerometer in the camera's axes reads (n, 3) m/s^2, upwards when it rests.
+
+    `rng` must be in the state that `simulate` was given.
+    """
+    _, path_rng, _, own = rng.spawn(4)
+    path, step = _path(settings, path_rng), 1 / TRUTH_RATE_HZ
+    t = np.round(np.arange(0, frame_times_s(settings)[-1] + step, step), 6)
+    T = path(t)
+    velocity_change = path(t + step)[:, :3, 3] - 2 * T[:, :3, 3] + path(t - step)[:, :3, 3]
+    force_world = velocity_change / step**2 + [0, 0, GRAVITY_M_S2]
+    force_cam = np.einsum("nji,nj->ni", T[:, :3, :3], force_world)
+    force_cam += own.normal(0, ACCELEROMETER_BIAS_M_S2, 3) + own.normal(0, ACCELEROMETER_NOISE_M_S2, force_cam.shape)
+    return np.round(START_S + t, 6), force_cam.clip(-ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2)
 
 
 def frame_times_s(settings: SimulationSettings) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.scans.intrinsics import save_camera
 from miniloop_cli.scans.paths import shown
 from miniloop_cli.scans.simulation.settings import SimulationSettings
-from miniloop_cli.scans.simulation.simulate import SimulatedFrame, simulate, true_trajectory
+from miniloop_cli.scans.simulation.simulate import SimulatedFrame, accelerations, simulate, true_trajectory
 from miniloop_cli.scans.trajectory import write_trajectory
 
 MARKER = "simulation.yaml"  # says that a folder was made here and may be made again
@@ -100,6 +100,11 @@ def _write(folder: Path, settings: SimulationSettings, seed: int, progress: Prog
         text = f"# {what}\n# file: simulated by miniloop\n# timestamp filename\n{rows}"
         (folder / f"{kind}.txt").write_text(text, encoding="utf-8")
     write_trajectory(folder / "groundtruth.txt", true_trajectory(settings, np.random.default_rng(seed)))
+    if settings.accelerometer:
+        readings = zip(*accelerations(settings, np.random.default_rng(seed)), strict=True)
+        rows = "".join(f"{stamp:.6f} {x:.6f} {y:.6f} {z:.6f}\n" for stamp, (x, y, z) in readings)
+        text = f"# accelerometer data, camera axes\n# file: simulated by miniloop\n# timestamp ax ay az\n{rows}"
+        (folder / "accelerometer.txt").write_text(text, encoding="utf-8")
     save_camera(folder / "camera.yaml", settings.camera)
     record = asdict(settings) | {"distortion": list(settings.distortion), "seed": seed}
     (folder / MARKER).write_text(yaml.safe_dump(record, sort_keys=False), encoding="utf-8")

@@ -1,0 +1,51 @@
+"""What is known of the frames beside their images: the vertical of each, and rough poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.association import associate
+from miniloop_cli.scans.accelerometer import read_accelerometer, verticals
+from miniloop_cli.scans.paths import shown
+from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.scans.trajectory import read_trajectory
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Of n frames: `up_sensor` (n, 3) unit vectors in the axes of the sensor, `T_world_cam` (n, 4, 4) rough poses.
+
+    Rows of frames of which nothing is known are NaN; None where nothing was given.
+    """
+
+    up_sensor: Floats | None = None
+    T_world_cam: Floats | None = None
+
+
+def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Path | str | None = None) -> Priors:
+    """Priors of the frames of a sequence from an accelerometer table and a TUM trajectory, by their time stamps.
+
+    Raises InputError naming file and line for what cannot be read, and for files of another time.
+    """
+    stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+    up = T = None
+    if gravity is not None:
+        up = verticals(*read_accelerometer(gravity), stamps)
+        _require(np.isfinite(up).all(axis=1), gravity, "readings")
+    if poses is not None:
+        T, near = associate(stamps, read_trajectory(poses))
+        T = np.where(near[:, None, None], T, np.nan)
+        _require(near, poses, "poses")
+    return Priors(up, T)
+
+
+def _require(known: NDArray[np.bool_], path: Path | str, what: str) -> None:
+    if not known.any():
+        raise InputError(f"{shown(Path(path))}: no {what} at the times of the frames; is it of this recording?")
