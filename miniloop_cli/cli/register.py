@@ -13,6 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 if TYPE_CHECKING:
     from miniloop_cli.pipeline import Registration
 
+MOST_REASONS = 8  # that the summary shows
 FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 
 
@@ -129,7 +130,10 @@ def register(
 
 def print_summary(run: Registration, folder: Path) -> None:
     """What was found, as a table that fits 80 columns."""
+    import numpy as np
+
     from miniloop_cli.export.results import reason, summary
+    from miniloop_cli.report.verdict import runs
 
     numbers, seconds = summary(run), run.timings_s
     solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]
@@ -145,9 +149,13 @@ def print_summary(run: Registration, folder: Path) -> None:
         rows["pieces"] = ", ".join(map(str, numbers["component_sizes"])) + " frames, not joined to each other"
     for name, text in rows.items():
         click.echo(options.wrapped(f"{name:<12}{text}", " " * 12))
-    missing = [index for index in range(numbers["frames"]) if run.poses.component[index] != 0]
-    for index in missing[:10]:
-        stamp = f"{run.sequence.frames[index].timestamp_s:.6f}"
-        click.echo(options.wrapped(f"no pose for frame {index} ({stamp}): {reason(run, index)}"))
-    if len(missing) > 10:
-        click.echo(f"... and {len(missing) - 10} more: see {folder / 'frames.csv'}")
+    reasons: dict[str, list[int]] = {}
+    for index in range(numbers["frames"]):
+        if run.poses.component[index] != 0:
+            reasons.setdefault(reason(run, index), []).append(index)
+    for why, frames in sorted(reasons.items(), key=lambda item: (-len(item[1]), item[1]))[:MOST_REASONS]:
+        named = f"frame{'s' * (len(frames) > 1)} {runs(np.array(frames))}"
+        # What cannot be read names its frame itself.
+        click.echo(options.wrapped("no pose for " + (why if why.startswith("frame ") else f"{named}: {why}")))
+    if len(reasons) > MOST_REASONS:
+        click.echo(f"... and more: see {folder / 'frames.csv'}")

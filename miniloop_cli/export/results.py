@@ -162,7 +162,8 @@ def reason(run: Registration, index: int) -> str:
     if not own:
         return f"no other frame has {run.settings.matching.min_matches} matches with it"
     best = max(own, key=lambda edge: edge.inlier_count)
-    return f"none of {len(own)} overlaps was verified (best: {best.reason or best.verdict})"
+    what = "its only overlap was not verified" if len(own) == 1 else f"none of {len(own)} overlaps was verified"
+    return f"{what} ({'best: ' * (len(own) > 1)}{best.reason or best.verdict})"
 
 
 EDGE_COLUMNS = tuple(

@@ -16,13 +16,17 @@
     return sign * (typeof x === "number" ? x - y : x.localeCompare(y, undefined, { numeric: true }));
   }
 
+  function text(value) {
+    return value === null ? "" : typeof value === "number" && !Number.isInteger(value) ? value.toFixed(2) : value;
+  }
+
   function draw() {
     const frame = only.value.trim();
     let list = frame === "" ? rows : rows.filter(row => String(row[0]) === frame || String(row[1]) === frame);
     if (column >= 0) list = [...list].sort(compare);
     table.tBodies[0].replaceChildren(...list.slice(0, shown).map(row => {
       const line = document.createElement("tr");
-      for (const value of row) line.insertCell().textContent = value === null ? "" : value;
+      for (const value of row) line.insertCell().textContent = text(value);
       return line;
     }));
     document.getElementById("count").textContent = `${Math.min(shown, list.length)} of ${list.length} edges`;

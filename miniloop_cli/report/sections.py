@@ -25,7 +25,7 @@ MOST_ROWS = 5000  # of the edge table; the rest is in edges.csv
 FIRST_ROWS = 25  # shown at once; page.js shows as many
 MOST_THUMBNAILS = 24
 FARTHEST_M = 1e6
-COLUMNS = ("i", "j", "matches", "inliers", "solver", "cycle", "verdict", "rot deg", "trans cm")
+COLUMNS = ("i", "j", "deg", "cm", "matches", "inliers", "verdict", "solver", "cycle")
 
 
 def section(title: str, *parts: str) -> str:
@@ -114,7 +114,7 @@ def overlap_section(data: ReportData) -> str:
         return section("Overlap", "<p>No two frames share enough matches.</p>")
     matrix = "Below the diagonal: matches; above: inliers of verified and weak edges; red: rejected. Brighter is more."
     keys = "".join(
-        f'<span class="key"><i class="k{number}"></i>{escape(name or "unknown")}: {count}</span>'
+        f'<span class="key"><i class="k{number}"></i>{escape(charts.named(name))}: {count}</span>'
         for name, number, count in charts.cycle_counts(edges)
     )
     graph = f"Frames in order of time around the circle; verified edges, coloured by their solver.<br>{keys}"
@@ -136,8 +136,15 @@ def edge_rows(edges: Edges) -> list[list[Any]]:
         verdict = f"{edges.verdict[k]}: {edges.reason[k]}" if edges.reason[k] else edges.verdict[k]
         counts = [int(v) if np.isfinite(v) else None for v in (edges.matches[k], edges.inliers[k])]
         residuals = [round(float(v), 3) if np.isfinite(v) else None for v in (edges.rot_deg[k], 100 * edges.trans_m[k])]
-        rows.append([int(edges.i[k]), int(edges.j[k]), *counts, edges.solver[k], edges.cycle[k], verdict, *residuals])
+        cycle = None if edges.cycle[k] in ("", "-1") else edges.cycle[k]
+        solver = charts.named(edges.solver[k])
+        rows.append([int(edges.i[k]), int(edges.j[k]), *residuals, *counts, verdict, solver, cycle])
     return rows
+
+
+def _shown(value: Any) -> str:
+    """A cell of the edge table, as page.js shows it: measured numbers with two decimals."""
+    return "" if value is None else f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def edges_section(data: ReportData) -> str:
@@ -147,13 +154,11 @@ def edges_section(data: ReportData) -> str:
         return ""
     rows = edge_rows(edges)
     head = "".join(f"<th><button>{name}</button></th>" for name in COLUMNS)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{'' if v is None else escape(str(v))}</td>" for v in r) + "</tr>" for r in rows[:50]
-    )
+    body = "".join("<tr>" + "".join(f"<td>{escape(_shown(v))}</td>" for v in r) + "</tr>" for r in rows[:FIRST_ROWS])
     # Inside a script element only "<" could end it early.
     payload = json.dumps(rows, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     more = "" if len(rows) == len(edges) else f" The {len(edges) - len(rows)} others are in edges.csv."
-    words = f"How far each edge is from the final poses; click a heading to sort.{more}"
+    words = f"How far each edge is from the final poses (deg, cm); click a heading to sort.{more}"
     return section(
         "Edges",
         figure(charts.residual_chart(edges), css="narrow"),
@@ -178,7 +183,7 @@ def worst_section(data: ReportData) -> str:
             continue
         words = (
             f"{i}–{j}: {edges.rot_deg[k]:.2f} deg, {100 * edges.trans_m[k]:.1f} cm; {edges.inliers[k]:.0f} of "
-            f"{edges.matches[k]:.0f} matches agree; {edges.verdict[k]}, by {edges.solver[k]}"
+            f"{edges.matches[k]:.0f} matches agree; {edges.verdict[k]}, solved as {charts.named(edges.solver[k])}"
         )
         parts.append(figure(f'<img alt="frames {i} and {j}" src="{data_uri(picture)}">', escape(words)))
     return section("Worst edges", '<div class="pair">', *parts, "</div>") if parts else ""

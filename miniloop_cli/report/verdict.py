@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.report.data import ReportData
+from miniloop_cli.report.data import Edges, ReportData
 
 GOOD, PARTLY, FAILED = "good", "partly", "failed"
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
 LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
 FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
+SPOKEN_AGAINST = ("looks alike", "repeat themselves", "contradicts")  # in reasons of edges
 MOSTLY_REJECTED = 0.8  # chance matches make many pairs that are rejected, also in a good recording
 NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
 
@@ -88,6 +91,8 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
             f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
             f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
         )
+    notes = data.summary.get("notes")
+    facts += [f"{note[0].upper()}{note[1:]}." for note in notes if _of_priors(note)] if isinstance(notes, list) else []
     facts += [
         f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
         for reason, lost in left_out(data)[:3]
@@ -95,11 +100,22 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
     return facts
 
 
+def _of_priors(note: Any) -> bool:
+    """Whether a note of the run tells what became of gravity or rough poses."""
+    return isinstance(note, str) and note.startswith(("gravity ", "rough poses "))
+
+
 def left_out(data: ReportData) -> list[tuple[str, NDArray[np.int64]]]:
     """(reason, frame numbers) of the frames without a pose, the most frequent reason first."""
     reasons: dict[str, list[int]] = {}
     for k in np.flatnonzero(~data.frames.registered).tolist():
-        reasons.setdefault(data.frames.reason[k] or "the reason is not known", []).append(k)
+        # What differs from frame to frame stands in frames.csv; here frames with the same trouble belong together.
+        reason = re.sub(
+            r"^(none of \d+ overlaps was|its only overlap was not) verified.*",
+            "no overlap was verified",
+            data.frames.reason[k],
+        )
+        reasons.setdefault(reason or "the reason is not known", []).append(k)
     return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
 
 
@@ -136,10 +152,7 @@ def _advice(data: ReportData, loose: bool) -> list[str]:
             "or keep more frames (--max-frames) where the camera moved fast."
         )
     if len(edges) and edges.rejected.mean() > MOSTLY_REJECTED:
-        advice.append(
-            f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected: repeated texture or things that move. "
-            "Masks (a mask/ folder beside rgb/) keep moving things out."
-        )
+        advice.append(_why_rejected(edges))
     if len(frames) > 2 and not len(edges):
         advice.append("No two frames share enough matches: do they show the same place, at more than a third overlap?")
     if loose:
@@ -148,6 +161,19 @@ def _advice(data: ReportData, loose: bool) -> list[str]:
             "depth_scale), and whether depth is registered to colour (`miniloop inspect`)."
         )
     return advice
+
+
+def _why_rejected(edges: Edges) -> str:
+    """What the reason of most rejected pairs suggests."""
+    reasons = [reason for reason, out in zip(edges.reason, edges.rejected, strict=True) if out]
+    against = sum(any(word in reason for word in SPOKEN_AGAINST) for reason in reasons)
+    share = f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected"
+    if 2 * against > len(reasons):
+        return (
+            f"{share}, most because the images speak against them: repeated texture or things that move. "
+            "Masks (a mask/ folder beside rgb/) keep moving things out."
+        )
+    return f"{share}, most for too few matches that agree: record more slowly, with more overlap from frame to frame."
 
 
 def _median(values: NDArray[np.float64]) -> float:

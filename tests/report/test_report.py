@@ -1,5 +1,6 @@
 """The page: what it says, that it needs nothing from outside, and that nothing from outside gets to run in it."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -152,6 +153,35 @@ def test_verdicts(run):
     assert any("depth_scale" in advice for advice in verdict.advice)
 
 
+def test_frames_with_the_same_trouble_belong_together(run):
+    text = (run.results / "frames.csv").read_text().splitlines()
+    reasons = ("its only overlap was not verified (5 inliers)", "none of 3 overlaps was verified (best: 4 inliers)")
+    text[1:3] = [line.replace(",1,0,", ",0,-1,") + why for line, why in zip(text[1:3], reasons, strict=True)]
+    (run.results / "frames.csv").write_text("\n".join(text) + "\n")
+    assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results)).facts
+
+
+def test_what_became_of_gravity_is_told(run):
+    summary = json.loads((run.results / "summary.json").read_text())
+    summary["notes"] = ["took a camera", "gravity is not used: it is far off", 7]
+    (run.results / "summary.json").write_text(json.dumps(summary))
+    facts = judge(load(run.results)).facts
+    assert "Gravity is not used: it is far off." in facts
+    assert not any("took a camera" in fact for fact in facts)
+
+
+@pytest.mark.parametrize(
+    ("reason", "advice"),
+    [("only 5 % of what both scans see looks alike", "Masks"), ("5 inliers of 13 matches", "more overlap")],
+)
+def test_advice_follows_the_reasons_of_rejected_pairs(run, reason, advice):
+    rows = (run.results / "edges.csv").read_text().replace(",verified,,", f",rejected,{reason},")
+    (run.results / "edges.csv").write_text(rows)
+    frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,")
+    (run.results / "frames.csv").write_text(frames)
+    assert any(advice in text for text in judge(load(run.results)).advice)
+
+
 def test_separate_pieces_are_told(run):
     text = (run.results / "frames.csv").read_text().splitlines()
     text[-2:] = [line.replace(",1,0,", ",0,1,") for line in text[-2:]]
@@ -170,7 +200,7 @@ def test_runs():
 def test_in_a_browser(run, tmp_path):
     path = write_report(run.results, run.sequence)
     # A copy that sorts by inliers as a reader would, and then shows one frame's edges.
-    clicks = "document.querySelectorAll('th button')[3].click();"
+    clicks = "document.querySelectorAll('th button')[5].click();"
     clicks += "const only=document.getElementById('only');only.value='3';only.dispatchEvent(new Event('input'));"
     clicked = tmp_path / "clicked.html"
     clicked.write_text(path.read_text().replace("</body>", f"<script>{clicks}</script></body>"))
@@ -183,7 +213,7 @@ def test_in_a_browser(run, tmp_path):
     rows = re.search(r'id="edge-table".*?<tbody>(.*?)</tbody>', done.stdout, re.DOTALL).group(1)
     cells = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", rows)]
     expected = sorted((e["inliers"] for e in run.edges if 3 in (e["i"], e["j"])), reverse=True)
-    assert [int(row[3]) for row in cells] == expected
+    assert [int(row[5]) for row in cells] == expected
     assert "<title>a room &lt;b&gt;" in done.stdout  # no foreign script has changed it
     assert "Content Security Policy" not in done.stderr
     assert "Uncaught" not in done.stderr
