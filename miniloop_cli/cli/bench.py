@@ -9,8 +9,10 @@ from miniloop_cli.cli.main import CONTEXT, LazyGroup
 BENCHES: dict[str, str] = {
     "ablation": "miniloop_cli.cli.bench_ablation:bench_ablation",
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
+    "minisequences": "miniloop_cli.cli.bench_minisequences:bench_minisequences",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
+    "tables": "miniloop_cli.cli.bench_tables:bench_tables",
     "weakloops": "miniloop_cli.cli.bench_weakloops:bench_weakloops",
 }
 

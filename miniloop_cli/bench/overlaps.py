@@ -1,0 +1,105 @@
+"""The overlap graph of a recording with every pair compared in full, as the paper makes it, and its true poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, default_folder, fingerprint
+from miniloop_cli.config import Settings
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.association import associate
+from miniloop_cli.features.detect import comparable
+from miniloop_cli.features.extract import extract
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.candidates import listed_pairs, match_fully
+from miniloop_cli.graph.kept import matches_by_chunk
+from miniloop_cli.graph.overlap import Matches, ScanPoints, scan_points
+from miniloop_cli.parallel import Workers
+from miniloop_cli.scans import open_sequence, read_ground_truth
+from miniloop_cli.scans.sequence import Sequence, Trajectory
+
+Floats = NDArray[np.float64]
+# Edges of the paper's graphs of 100 scans each; its T is not given, so that ours is told by the number of edges.
+PAPER_EDGES = {"freiburg1_room": 435, "freiburg1_xyz": 1751, "freiburg2_desk": 687}
+PAPER_PAIRS, OTHERS = 100 * 99 // 2, "freiburg2_desk"
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """A recording with ground truth, its scans' points, and the matches of every pair that has at least three."""
+
+    sequence: Sequence
+    truth: Trajectory
+    points: list[ScanPoints]
+    matches: Matches
+
+    @property
+    def stamps_s(self) -> Floats:
+        """(n,) time stamps of the scans."""
+        return np.array([frame.timestamp_s for frame in self.sequence.frames])
+
+    @cached_property
+    def true_poses(self) -> tuple[Floats, NDArray[np.bool_]]:
+        """T_world_cam (n, 4, 4) by the ground truth, and (n,) whether it reaches to that scan."""
+        return associate(self.stamps_s, self.truth)
+
+    def true_motion(self, i: int, j: int) -> Floats:
+        """T_j_i (4, 4) by the ground truth."""
+        T, _ = self.true_poses
+        return se3.inverse(T[j]) @ T[i]
+
+    def with_matches(self, least: int) -> Matches:
+        """The edges of the paper's graph: pairs with at least `least` matches, T in the paper."""
+        return {pair: rows for pair, rows in self.matches.items() if len(rows) >= least}
+
+    @cached_property
+    def least_as_in_paper(self) -> int:
+        """The T that leaves as large a share of the pairs as the paper has: of this sequence, else its middle one."""
+        count = len(self.points)
+        edges = PAPER_EDGES[paper_sequence(self.sequence.name) or OTHERS]
+        return self.least_for(round(edges / PAPER_PAIRS * count * (count - 1) / 2))
+
+    def least_for(self, edges: int) -> int:
+        """The T whose graph comes nearest to so many edges."""
+        counts = np.sort([len(rows) for rows in self.matches.values()])[::-1]
+        if not len(counts):
+            return 3
+        candidates = np.unique(counts)
+        sizes = np.array([(counts >= least).sum() for least in candidates])
+        return int(candidates[np.argmin(np.abs(sizes - edges))])
+
+
+def paper_sequence(name: str) -> str | None:
+    """The paper's sequence that a recording's name tells of, if any."""
+    return next((known for known in PAPER_EDGES if known in name), None)
+
+
+def open_with_truth(folder: Path) -> tuple[Sequence, Trajectory]:
+    """A recording and its ground truth. Raises InputError for one without."""
+    sequence = open_sequence(folder)
+    truth = read_ground_truth(sequence)
+    if truth is None:
+        raise InputError(f"{folder} comes without ground truth: there is nothing to measure against")
+    return sequence, truth
+
+
+def overlaps(folder: Path, settings: Settings, workers: Workers) -> Overlaps:
+    """Matches of all pairs, by the detector, the number of features and the ratio test of the settings."""
+    sequence, truth = open_with_truth(folder)
+    store = Store(default_folder())
+    scans = list(extract(sequence, settings, store, workers))
+    features = [scan.features for scan in scans]
+    strongest = [
+        comparable(scan.descriptors[: min(scan.with_depth, settings.matching.count)], settings.features.type)
+        for scan in features
+    ]
+    full = settings.matching.model_copy(update={"min_matches": 3})
+    key = fingerprint([scan.key for scan in scans], full.model_dump(), "in full")
+    pairs = listed_pairs(len(features), "exhaustive", full)
+    matches = matches_by_chunk(pairs, key, store, lambda some: match_fully(strongest, some, full, workers))
+    return Overlaps(sequence, truth, [scan_points(scan, sequence.camera) for scan in features], matches)
