@@ -140,7 +140,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean errors of every method beside the paper's; a group of bars a method."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 3.8), layout="constrained")
+    figure = Figure(figsize=(10, 4.4), layout="constrained")
     series = list(dict.fromkeys((row["sequence"], row["config"], row["variant"]) for row in rows))
     width = 0.8 / (len(series) + 1)
     panels = {"rot_deg_mean": "rotation error, mean [deg]", "trans_cm_mean": "translation error, mean [cm]"}
@@ -152,7 +152,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             heights = [row[key] if row[key] is not None else 0 for row in mine]
             axes.bar(np.arange(len(METHODS)) + k * width, heights, width, label=", ".join(name))
         axes.set_xticks(np.arange(len(METHODS)) + len(series) / 2 * width, list(METHODS))
-        axes.set_ylabel(label)
-    figure.axes[0].legend(fontsize="x-small")
+        axes.set(ylabel=label, yscale="log")
+        axes.grid(axis="y", which="both", alpha=0.3)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="x-small")
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=120)

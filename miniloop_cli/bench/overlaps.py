@@ -79,9 +79,9 @@ def paper_sequence(name: str) -> str | None:
     return next((known for known in PAPER_EDGES if known in name), None)
 
 
-def open_with_truth(folder: Path) -> tuple[Sequence, Trajectory]:
+def open_with_truth(folder: Path, max_frames: int | None = None) -> tuple[Sequence, Trajectory]:
     """A recording and its ground truth. Raises InputError for one without."""
-    sequence = open_sequence(folder)
+    sequence = open_sequence(folder, max_frames=max_frames)
     truth = read_ground_truth(sequence)
     if truth is None:
         raise InputError(f"{folder} comes without ground truth: there is nothing to measure against")

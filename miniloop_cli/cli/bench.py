@@ -11,6 +11,7 @@ BENCHES: dict[str, str] = {
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
     "minisequences": "miniloop_cli.cli.bench_minisequences:bench_minisequences",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
+    "outliers": "miniloop_cli.cli.bench_outliers:bench_outliers",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
     "tables": "miniloop_cli.cli.bench_tables:bench_tables",
     "weakloops": "miniloop_cli.cli.bench_weakloops:bench_weakloops",
