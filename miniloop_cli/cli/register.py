@@ -47,7 +47,7 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
     "--init",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Rough poses (TUM format): which scans to compare, and what cannot be.",
+    help="Rough poses (TUM format): which scans to compare, which edges are wrong.",
 )
 @options.layout
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")

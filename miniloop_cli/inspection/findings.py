@@ -192,10 +192,15 @@ def _camera(numbers: Numbers) -> Iterator[Finding]:
     if sound and focal.get("contradicts"):
         yield Finding(
             "problem", "wrong-camera",
-            f"the scans fit a focal length of {focal['px']:.0f} px "
-            f"({focal['low_px']:.0f} to {focal['high_px']:.0f}), not {numbers['camera']['fx']:.0f} px",
+            f"the scans fit a focal length of {focal['px']:.0f} px{interval(focal)}, "
+            f"not {numbers['camera']['fx']:.0f} px",
             "use the calibration of this camera at this image size (--camera FILE), then inspect again",
         )  # fmt: skip
+
+
+def interval(focal: Numbers) -> str:
+    """The 90 % interval in words, or that the search ended before the focal length was bracketed."""
+    return focal["beyond"] or f" ({focal['low_px']:.0f} to {focal['high_px']:.0f})"
 
 
 def _depth_scale(numbers: Numbers) -> Iterator[Finding]:

@@ -143,6 +143,7 @@ def _geometry(sequence: Sequence, sample: dict[int, Scan], rng: Generator, read:
     if focal:
         px = camera.fx * np.array([focal.factor, focal.low, focal.high])
         numbers["focal"] = {"factor": focal.factor, "gain": focal.gain, "contradicts": focal.contradicts}
+        numbers["focal"]["beyond"] = focal.beyond
         numbers["focal"] |= dict(zip(("px", "low_px", "high_px"), px.tolist(), strict=True))
     step, clarity = disparity_step([scan.depth_m for scan in sample.values()])
     numbers["disparity"] = {"step_per_m": step, "clarity": clarity, "factor": KINECT_STEP_PER_M / step if step else 0.0}

@@ -49,6 +49,11 @@ class FocalFit:
         """Whether the given focal length is certainly wrong by more than some percent."""
         return abs(self.factor - 1) > 0.07 and (self.low > 1.04 or self.high < 0.96) and self.gain > 0.05
 
+    @property
+    def beyond(self) -> str:
+        """Words " or less", " or more" where the best factor is the last one that was tried, else none."""
+        return " or less" if self.factor <= FACTORS[0] else " or more" if self.factor >= FACTORS[-1] else ""
+
     def T_j_i(self) -> dict[tuple[int, int], Floats]:
         """Poses with the focal length to be believed: the given one unless it is contradicted."""
         k = int(np.argmin(np.abs(np.log(FACTORS / (self.factor if self.contradicts else 1.0)))))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
-Numbers = dict[str, Any]
+from miniloop_cli.inspection.findings import Numbers, interval
 
 
 def describe(numbers: Numbers) -> Iterator[tuple[str, str]]:
@@ -63,7 +62,7 @@ def _geometry(numbers: Numbers) -> Iterator[tuple[str, str]]:
         yield "motion", f"depth explains {_percent(explained)} of the matches"
     if "focal" in numbers:
         focal = numbers["focal"]
-        yield "focal length", f"the scans fit {focal['px']:.0f} px ({focal['low_px']:.0f} to {focal['high_px']:.0f})"
+        yield "focal length", f"the scans fit {focal['px']:.0f} px{interval(focal)}"
     scales = []
     if numbers.get("truth", {}).get("pairs"):
         scales.append(f"{numbers['truth']['factor']:.2f} of the ground truth ({numbers['truth']['pairs']} pairs)")

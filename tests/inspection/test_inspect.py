@@ -91,6 +91,12 @@ def test_wrong_camera_is_named_with_the_right_focal_length(sequence, factor):
     assert result.numbers["focal"]["px"] == pytest.approx(262.5, rel=0.015)
 
 
+def test_a_focal_length_far_off_is_told_as_a_bound(sequence):
+    camera = replace(sequence.camera, fx=sequence.camera.fx * 1.7, fy=sequence.camera.fy * 1.7)
+    found = codes(inspect_with(replace(sequence, camera=camera)))
+    assert "a focal length of 314 px or less, not 446 px" in found["wrong-camera"].message
+
+
 def test_swapped_depth(sequence):
     order = np.random.default_rng(1).permutation(20)
     assert set(codes(inspect_with(sequence, lambda k: order[k]))) == {"swapped-depth"}
