@@ -85,7 +85,8 @@ class Cycles(Section):
 
     longest: Literal[2, 3, 4, 5, 6, 7] = Field(5, description="Longest cycle; 2: every edge alone (pairwise).")
     decomposition: Literal["dfs", "support"] = Field(
-        "support", description="dfs: the paper's depth-first search; support: weak edges get strong partners."
+        "support",
+        description="dfs: the paper's depth-first search; support: weak edges get strong partners, few are left over.",
     )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import networkx as nx
 
-Cycle = tuple[int, ...]
+from miniloop_cli.graph.exchange import exchange, odd_pairs
+from miniloop_cli.graph.free_edges import Cycle, FreeEdges
+
+__all__ = ["Cycle", "decompose"]
 
 
 def decompose(graph: nx.Graph, longest: int = 5, method: str = "dfs") -> list[Cycle]:
@@ -19,54 +20,30 @@ def decompose(graph: nx.Graph, longest: int = 5, method: str = "dfs") -> list[Cy
 
     "dfs" is the paper's: a depth-first search over the scans in order of number. "support" begins with the edges
     that have the fewest matches and closes each over the strongest edges that are left, so that a weak edge is
-    carried by strong partners.
+    carried by strong partners; strong edges between scans of odd degree, of which some must be left over, are put
+    off, and cycles are exchanged until few others are left (see graph/exchange.py).
     """
     if method not in ("dfs", "support"):
         raise ValueError(f"unknown decomposition '{method}'")
-    strength = {frozenset((i, j)): data.get("matches", 0) for i, j, data in graph.edges(data=True)}
+    strength = {(min(i, j), max(i, j)): data.get("matches", 0) for i, j, data in graph.edges(data=True)}
     neighbours = {i: sorted(graph[i]) for i in sorted(graph)}
+    order, put_off = sorted(strength), []
     if method == "support":
         neighbours = {
-            i: sorted(found, key=lambda j: (-strength[frozenset((i, j))], j)) for i, found in neighbours.items()
+            i: sorted(found, key=lambda j: (-strength[min(i, j), max(i, j)], j)) for i, found in neighbours.items()
         }
-        order = sorted(strength, key=lambda edge: (strength[edge], sorted(edge)))
-    else:
-        order = sorted(strength, key=sorted)
-    free = {i: dict.fromkeys(found) for i, found in neighbours.items()}
+        order.sort(key=lambda pair: strength[pair])
+        put_off = odd_pairs(strength) if longest > 2 else []
+    free = FreeEdges(neighbours)
+    free.take(put_off)
     cycles: list[Cycle] = []
     for length in range(longest, 2, -1):
-        cycles += _cycles_of_length(free, [tuple(sorted(edge)) for edge in order], length)
-    cycles += [(i, j) for i, j in sorted(tuple(sorted(edge)) for edge in order) if j in free[i]]
-    return cycles
-
-
-def _cycles_of_length(free: dict[int, dict[int, None]], edges: Iterable[tuple[int, ...]], length: int) -> list[Cycle]:
-    """Greedy: for each edge in turn, close one cycle through it if there is one, and take its edges out of `free`."""
-    cycles = []
-    for i, j in edges:
-        if j in free[i]:
-            path = _path(free, [i, j], length)
-            if path:
-                cycles.append(tuple(path))
-                for a, b in zip(path, path[1:] + path[:1], strict=True):
-                    del free[a][b], free[b][a]
-    return cycles
-
-
-def _path(free: dict[int, dict[int, None]], path: list[int], length: int) -> list[int] | None:
-    """Depth-first extension of a simple path to a cycle of `length` scans; None if there is none."""
-    last, first = path[-1], path[0]
-    if len(path) == length:
-        return path if first in free[last] else None
-    if len(path) == length - 1:
-        # One scan is missing: it must be a neighbour of both ends. Looking it up is what makes the search fast.
-        for scan in free[last]:
-            if scan in free[first] and scan not in path:
-                return [*path, scan]
-        return None
-    for scan in free[last]:
-        if scan not in path:
-            found = _path(free, [*path, scan], length)
-            if found:
-                return found
-    return None
+        found = free.take_greedily(order, length)
+        if method == "support":
+            found = exchange(free, found, length)
+            if put_off:
+                free.give(put_off)
+                put_off = []
+                found = exchange(free, found + free.take_greedily(order, length), length)
+        cycles += found
+    return cycles + [pair for pair in sorted(order) if pair in free]
