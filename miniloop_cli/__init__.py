@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from miniloop_cli.compiled import keep_compiled
+
 if TYPE_CHECKING:
     from miniloop_cli.api import evaluate, register, simulate
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "evaluate", "register", "simulate"]
+
+keep_compiled()
 
 
 def __getattr__(name: str) -> Any:

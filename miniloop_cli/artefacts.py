@@ -1,19 +1,22 @@
 """Finished work on disk: arrays named by a hash of what they were made from.
 
 An artefact's name is a hash of its inputs, of the settings that matter to it and of the code's version, so that
-nothing stale can be found, and a killed or repeated run finds what is done. Files are plain .npz, never unpickled;
-one that cannot be read whole is deleted and made again.
+nothing stale can be found, and a killed or repeated run finds what is done. Files are plain .npz, never unpickled,
+with a checksum of the whole at the end (what a zip file checks by itself is not all of it); one that is damaged is
+deleted and made again.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
-import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,8 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.files import atomic_write
 
 Arrays = Mapping[str, NDArray[Any]]
+LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
+CHECKSUM_BYTES = 16
 MAKERS = ("scans", "features", "graph", "ransac", "solvers")  # packages whose code decides what an artefact holds
 
 
@@ -32,14 +37,28 @@ def default_folder() -> Path:
     """`$MINILOOP_CACHE`, else `$XDG_CACHE_HOME/miniloop`, else `~/.cache/miniloop`."""
     if os.environ.get("MINILOOP_CACHE"):
         return Path(os.environ["MINILOOP_CACHE"])
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "miniloop"
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "miniloop"
+    except RuntimeError as error:
+        raise MiniloopError("this user has no home folder to keep finished work in: set MINILOOP_CACHE") from error
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries that results depend on."""
+    found = {}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
 
 
 @cache
 def code_version() -> str:
-    """Hash of the release and of the sources that artefacts are made by: a changed solver finds no old result."""
+    """Hash of release, libraries and the sources that artefacts are made by: a changed solver finds no old result."""
     package = Path(__file__).parent
-    digest = hashlib.blake2b(__version__.encode(), digest_size=16)
+    digest = hashlib.blake2b(json.dumps([__version__, library_versions()]).encode(), digest_size=16)
     for path in sorted(path for folder in MAKERS for path in (package / folder).rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
@@ -60,6 +79,11 @@ def file_fingerprint(path: Path) -> str:
         return "unreadable"
 
 
+def checksum(content: memoryview) -> bytes:
+    """The last bytes of an artefact's file: a hash of all before them."""
+    return hashlib.blake2b(content, digest_size=CHECKSUM_BYTES).digest()
+
+
 @dataclass(frozen=True)
 class Store:
     """A folder of artefacts; `fresh` makes everything again (and still keeps it)."""
@@ -73,21 +97,29 @@ class Store:
     def load(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         """The arrays of an artefact, or None if it must be made."""
         path = self.path(kind, key)
-        if self.fresh or not path.is_file():
+        if self.fresh:
             return None
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            os.utime(path)  # when it was last used: what pruning goes by
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile):
-            path.unlink(missing_ok=True)
+            content = path.read_bytes()
+        except OSError:
             return None
-        return arrays
+        whole = memoryview(content)[:-CHECKSUM_BYTES]
+        if checksum(whole) != content[-CHECKSUM_BYTES:]:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+            return None
+        with suppress(OSError):  # of somebody else, or read-only
+            os.utime(path)  # when it was last used: what pruning goes by
+        with np.load(io.BytesIO(whole), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
 
     def save(self, kind: str, key: str, arrays: Arrays) -> None:
         """Keep an artefact; a store that cannot be written costs the next run time, never this run its result."""
         try:
+            packed = io.BytesIO()
+            np.savez(packed, **arrays)
             with atomic_write(self.path(kind, key), "wb") as file:
-                np.savez(file, **arrays)
+                file.write(packed.getbuffer())
+                file.write(checksum(packed.getbuffer()))
         except MiniloopError:
             return

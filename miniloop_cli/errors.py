@@ -8,6 +8,9 @@ if TYPE_CHECKING:
     from miniloop_cli.pipeline import Registration
 
 
+NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "can't start new thread")
+
+
 class MiniloopError(Exception):
     """Something the user can act on: what was wrong, where, and what to do, in one line.
 
@@ -32,3 +35,14 @@ class RegistrationError(MiniloopError):
     def __init__(self, message: str, run: Registration | None = None) -> None:
         super().__init__(message)
         self.run = run
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether an error, or what caused it, says that memory ran out: every library has its own words for it."""
+    text = str(error)
+    if type(error).__module__ == "cv2":
+        found = getattr(error, "code", 0) == -4 or "Insufficient memory" in text
+    else:
+        found = isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY)
+    cause = error.__cause__ or error.__context__
+    return found or (cause is not None and out_of_memory(cause))

@@ -6,15 +6,20 @@ their inputs without copies. Inner threads are held at one, so that jobs times c
 
 from __future__ import annotations
 
+import mmap
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-from joblib import Parallel, delayed, effective_n_jobs
+from joblib import effective_n_jobs
 from threadpoolctl import threadpool_limits
 
 from miniloop_cli.progress import track
+
+ROOM_BYTES = 128 << 20
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
@@ -25,9 +30,15 @@ def single_inner_threads() -> Iterator[None]:
 
     Our matrices are small: a library's threads would wait for each other, spinning, longer than they work; and sums
     cut into as many parts as there are cores would give every machine its own last digits.
+
+    Raises MemoryError where a process may hardly allocate any more: OpenBLAS would ask for ever.
     """
     import cv2
 
+    try:
+        mmap.mmap(-1, ROOM_BYTES).close()
+    except OSError as error:
+        raise MemoryError(str(error)) from error
     cv2.setNumThreads(1)
     with threadpool_limits(1):
         yield
@@ -48,7 +59,26 @@ class Workers:
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int
     ) -> Iterator[Result]:
-        """function(item) for each item, in the order of the items, whatever the number of jobs."""
+        """function(item) for each item, in the order of the items, whatever the number of jobs.
+
+        However the loop over the results ends, no item is at work any more afterwards: the interpreter would stop
+        such threads in the middle of compiled code, which aborts the process.
+        """
         with single_inner_threads():
-            parallel = Parallel(n_jobs=self.jobs, backend="threading", return_as="generator")
-            yield from track(parallel(delayed(function)(item) for item in items), description, total, self.quiet)
+            results = map(function, items) if self.threads == 1 else _in_order(function, items, self.threads)
+            yield from track(results, description, total, self.quiet)
+
+
+def _in_order(function: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[Result]:
+    """Results in order; so many items are begun ahead that one slow item keeps no thread waiting."""
+    begun: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for item in items:
+            begun.append(pool.submit(function, item))
+            if len(begun) > 16 * threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

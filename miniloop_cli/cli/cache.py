@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 
 DAY_S = 86400.0
 ARTEFACT = re.compile(r"[0-9a-f]{32}\.npz")
-TEMPORARY = re.compile(r"\.[0-9a-f]{32}\.npz\.[0-9]+\.tmp")  # left behind by a run that was killed while writing
+TEMPORARY = re.compile(r"\.[0-9a-f]{32}\.npz\..+\.tmp")  # left behind by a run that was killed while writing
 
 
 @dataclass(frozen=True)

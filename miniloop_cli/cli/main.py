@@ -15,7 +15,7 @@ from contextlib import suppress
 import click
 
 from miniloop_cli import __version__
-from miniloop_cli.errors import MiniloopError
+from miniloop_cli.errors import MiniloopError, out_of_memory
 
 PROGRAM = "miniloop"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -91,8 +91,8 @@ def main(args: list[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         click.echo("miniloop: interrupted; finished work is kept, the same command continues", err=True)
         sys.exit(130)
-    except (MiniloopError, MemoryError, OSError) as error:
-        if debug:
+    except Exception as error:
+        if debug or not (isinstance(error, (MiniloopError, OSError)) or out_of_memory(error)):
             raise
         if not isinstance(error, BrokenPipeError):  # there, whoever read the output has gone and wants no more
             click.echo(f"miniloop: {_one_line(error)}", err=True)
@@ -103,6 +103,6 @@ def main(args: list[str] | None = None) -> None:
 
 def _one_line(error: Exception) -> str:
     """The message of an error that the user can act on."""
-    if isinstance(error, MemoryError):
+    if out_of_memory(error):
         return "out of memory: use fewer frames (--max-frames) or fewer jobs (--jobs 1)"
     return str(error)

@@ -73,18 +73,22 @@ def fuse(
         raise MiniloopError(f"no scan has depth within {max_depth_m:g} m: nothing to fuse; see --max-depth")
     mesh = grid.extract_triangle_mesh(weight_threshold=min_weight)
     cloud = grid.extract_point_cloud(weight_threshold=min_weight)
-    vertices, triangles = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
-    if not len(triangles):
+    if not len(mesh.triangle.indices):
         raise MiniloopError(f"no surface was seen {min_weight:g} times: too few scans; see --min-weight")
-    return Surface(
-        vertices,
-        to_bytes(mesh.vertex.colors.numpy()),
-        triangles.astype(np.int32),
-        cloud.point.positions.numpy(),
-        to_bytes(cloud.point.colors.numpy()),
-        voxel_m,
-        tuple(skipped),
-    )
+    vertices, colors, order = in_order(mesh.vertex)
+    points, point_colors, _ = in_order(cloud.point)
+    triangles = np.argsort(order).astype(np.int32)[mesh.triangle.indices.numpy()]
+    first = triangles.argmin(axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    triangles = triangles[np.lexsort(triangles.T[::-1])]
+    return Surface(vertices, colors, triangles, points, point_colors, voxel_m, tuple(skipped))
+
+
+def in_order(points: Any) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int64]]:
+    """Positions, colours and their order: sorted, as Open3D's threads leave them in another one each time."""
+    positions, colors = points.positions.numpy(), to_bytes(points.colors.numpy())
+    order = np.lexsort((*colors.T, *positions.T[::-1]))
+    return positions[order], colors[order], order
 
 
 def integrate(

@@ -7,7 +7,6 @@ number, and `seconds` since the first frame. An edge appears with its later fram
 from __future__ import annotations
 
 import importlib
-import os
 from collections import defaultdict
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +18,7 @@ from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.ply import read_ply
 from miniloop_cli.export.results import reason
 from miniloop_cli.export.undistort import undistorter
+from miniloop_cli.files import temporary_name
 from miniloop_cli.graph.edges import VERIFIED, Edge
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.poses import residuals
@@ -58,7 +58,7 @@ def write_rerun(run: Registration, results: Path, path: Path) -> Path:
     Raises MiniloopError if Rerun is not installed or the file cannot be written.
     """
     rr = import_rerun()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = temporary_name(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.touch()

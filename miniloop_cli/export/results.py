@@ -8,7 +8,6 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from miniloop_cli import __version__
+from miniloop_cli.artefacts import library_versions
 from miniloop_cli.errors import InputError
 from miniloop_cli.export.cloud import fuse_cloud
 from miniloop_cli.export.g2o import write_g2o
@@ -30,9 +30,6 @@ from miniloop_cli.scans import read_scan, write_trajectory
 from miniloop_cli.scans.intrinsics import save_camera
 from miniloop_cli.scans.sequence import Trajectory
 
-LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx")
-
-
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
 
@@ -42,8 +39,8 @@ def write_results(run: Registration, folder: Path) -> None:
 
     A run that registered nothing leaves everything but trajectory, graph and cloud.
     """
-    for path in [folder / name for name in OF_ONE_RUN] + list(folder.glob(".*.tmp")):
-        path.unlink(missing_ok=True)
+    for name in OF_ONE_RUN:
+        (folder / name).unlink(missing_ok=True)
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
     save_camera(folder / "camera.yaml", run.sequence.camera)
@@ -94,13 +91,7 @@ def summary(run: Registration) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of miniloop, Python and the libraries that the result depends on."""
-    found = {"miniloop": __version__, "python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+    return {"miniloop": __version__, "python": platform.python_version()} | library_versions()
 
 
 def _write_yaml(run: Registration, path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.errors import InputError
+from miniloop_cli.errors import InputError, out_of_memory
 from miniloop_cli.scans.paths import read_bytes
 
 MAX_PIXELS = 40_000_000
@@ -114,7 +114,9 @@ def _decode(data: bytes, flags: int) -> NDArray:
     _check_whole(data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
+    except cv2.error as error:
+        if out_of_memory(error):
+            raise
         image = None
     if image is None:
         raise ValueError("damaged image, it cannot be decoded")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.errors import InputError, MiniloopError
+from miniloop_cli.files import temporary_name
 from miniloop_cli.scans import open_sequence
 from miniloop_cli.scans.paths import shown
 from miniloop_cli.scans.sequence import Frame, Sequence
@@ -35,7 +35,7 @@ def write_subset(source: Path, target: Path, count: int) -> None:
     Raises MiniloopError if the recording cannot be read, has too few frames, or the folder cannot be written.
     """
     frames = evenly_spaced(open_sequence(source, layout="tum"), count)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    temporary = temporary_name(target)
     try:
         for kind in ("rgb", "depth"):
             (temporary / kind).mkdir(parents=True)

@@ -1,7 +1,9 @@
 """The command line as other processes see it, and inside this process where that is not the point."""
 
 import io
+import json
 import os
+import re
 import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
@@ -46,3 +48,30 @@ def launch(*arguments):
 def invoke(*arguments):
     """A command by itself, without the launcher's handling of errors."""
     return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+def contents(folder):
+    """Content of every file below a results folder, without dates and seconds: what two runs must agree on.
+
+    This is the one place that says where times are: `timings_s` in summary.json, the date and the seconds in log.txt,
+    and both once more in report.html, which shows them.
+    """
+    found = {}
+    for path in folder.rglob("*"):
+        if not path.is_file():
+            continue
+        content = path.read_bytes()
+        if path.name == "summary.json":
+            content = json.dumps(json.loads(content) | {"timings_s": None}).encode()
+        elif path.name in ("log.txt", "report.html"):
+            content = re.sub(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", b"", content)
+            content = re.sub(rb"seconds:\n(  .*\n)+", b"", content)
+            content = re.sub(rb'<table class="times">.*?</table>', b"", content)
+        found[path.relative_to(folder).as_posix()] = content
+    return found
+
+
+def differing(folder, other):
+    """Names of the files in which two results folders differ, beyond times, or that only one of them has."""
+    left, right = contents(folder), contents(other)
+    return sorted(name for name in left.keys() | right.keys() if left.get(name) != right.get(name))

@@ -7,8 +7,9 @@ import time
 
 import pytest
 import yaml
-from command_line import FRAMES, command, environment, invoke, run_process
+from command_line import FRAMES, command, differing, environment, invoke, run_process
 
+from miniloop_cli.files import HOST
 from miniloop_cli.lock import exclusive
 
 FILES = {
@@ -24,12 +25,6 @@ FILES = {
     "summary.json",
     "trajectory.txt",
 }
-TIMED = {"log.txt", "report.html", "summary.json"}  # they hold seconds
-
-
-def same_bytes(folder, other):
-    """Names of the files that differ, those with seconds in them left out."""
-    return [name for name in sorted(FILES - TIMED) if (folder / name).read_bytes() != (other / name).read_bytes()]
 
 
 def test_every_file_of_the_contract_and_no_other(registered):
@@ -70,7 +65,7 @@ def test_effective_settings_repeat_the_run(registered, recording, tmp_path):
     outcome = invoke("register", recording, "-o", tmp_path, "--config", registered.folder / "config.yaml", "-q")
     assert outcome.exit_code == 0
     assert outcome.output == ""
-    assert same_bytes(registered.folder, tmp_path) == []
+    assert differing(registered.folder, tmp_path) == []
 
 
 def test_settings_on_the_command_line_win(recording, tmp_path):
@@ -88,7 +83,7 @@ def test_same_bytes_with_two_jobs(registered, recording, tmp_path):
         "register", recording, "-o", tmp_path / "out", "-j", 2, cwd=tmp_path, MINILOOP_CACHE=tmp_path / "cache"
     )
     assert done.returncode == 0, done.stderr
-    assert same_bytes(registered.folder, tmp_path / "out") == []
+    assert differing(registered.folder, tmp_path / "out") == []
 
 
 @pytest.mark.parametrize(("stage", "number"), [("features", signal.SIGKILL), ("matches", signal.SIGINT)])
@@ -113,7 +108,7 @@ def test_stopped_in_the_middle_the_same_command_continues(registered, recording,
     kept = {path: path.stat().st_ino for path in cache.glob("features/*.npz")}
     done = run_process(*arguments, cwd=tmp_path, MINILOOP_CACHE=cache)
     assert done.returncode == 0, done.stderr
-    assert same_bytes(registered.folder, output) == []
+    assert differing(registered.folder, output) == []
     assert {path.name for path in output.iterdir()} == FILES
     assert kept
     assert all(path.stat().st_ino == inode for path, inode in kept.items())
@@ -128,7 +123,7 @@ def test_two_runs_on_one_folder(recording, tmp_path):
 
 
 def test_a_later_run_leaves_nothing_of_an_earlier_one(registered, recording, tmp_path):
-    (tmp_path / ".trajectory.txt.123.tmp").write_text("what a killed run left")
+    (tmp_path / f".trajectory.txt.miniloop-{HOST}-{2**31 - 1}.tmp").write_text("what a killed run left")
     (tmp_path / "trajectory.txt").write_text("old")
     outcome = invoke("register", recording, "-o", tmp_path, "--max-frames", 5, "-q")
     assert outcome.exit_code == 0

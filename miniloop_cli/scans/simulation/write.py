@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.files import remove_leftovers, temporary_name
 from miniloop_cli.scans.intrinsics import save_camera
 from miniloop_cli.scans.paths import shown
 from miniloop_cli.scans.simulation.settings import SimulationSettings
@@ -40,12 +40,13 @@ def write_sequence(
     """
     folder = Path(folder).absolute()
     _check_free(folder, overwrite)
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
+    temporary = temporary_name(folder)
     try:
+        remove_leftovers(folder.parent)
         temporary.mkdir(parents=True)
         _write(temporary, settings, seed, progress)
         if folder.exists():
-            old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+            old = temporary_name(folder.with_name(f"{folder.name}.old"))
             folder.rename(old)
             temporary.rename(folder)
             shutil.rmtree(old, ignore_errors=True)
