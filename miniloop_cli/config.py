@@ -93,11 +93,14 @@ class Cycles(Section):
 class Gravity(Section):
     """With `--gravity`: how far an accelerometer is believed."""
 
-    sigma_deg: float = Field(1.5, gt=0, description="Standard deviation of a frame's vertical (degrees).")
-    agree_deg: float = Field(4.0, gt=0, description="An edge that agrees so well is confirmed by it (degrees).")
-    max_deg: float = Field(8.0, gt=0, description="An edge that contradicts the vertical by more is dropped (degrees).")
     max_median_deg: float = Field(
-        3.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is not used (degrees)."
+        4.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is not used (degrees)."
+    )
+    agree_deg: float = Field(4.0, gt=0, description="An edge that agrees so well is confirmed by it (degrees).")
+    max_deg: float = Field(
+        8.0,
+        gt=0,
+        description="An edge that contradicts the vertical by more, and by 4 times that median, is dropped (degrees).",
     )
     min_alone: int = Field(
         8, ge=3, description="In place of averaging.min_alone for edges that gravity confirms: inliers without a loop."

@@ -8,7 +8,7 @@ the hand shakes, so it only finds the pose: the pose itself is then fitted to th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
 MIN_WITNESSES = 3
 LONGEST = 4  # scans in a cycle of the known-vertical solvers
+LEAST_DEG = 1.0  # no accelerometer is better
+FAR = 4.0  # times the disagreement of sure edges: this is no chance
 BETTER = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
 
 
@@ -40,9 +42,18 @@ def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
 
 
-def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tuple[Floats | None, str]:
+@dataclass(frozen=True)
+class Vertical:
+    """up_cam (n, 3) unit vectors in the axes of the cameras, NaN where there is none, and how far they are off."""
+
+    up_cam: Floats
+    sigma_deg: float
+
+
+def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tuple[Vertical | None, str]:
     """The verticals in the camera's axes where they agree with the edges that were found freely, else None; and why.
 
+    `sigma_deg` of what is returned is what they are off from these edges.
     Sensors have axes of their own. The camera's are taken where they agree, else those of the 24 ways to put one
     right-handed system of axes on another that agree best (a vector that points down instead of up is as good).
     """
@@ -60,12 +71,12 @@ def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tupl
         return None, f"gravity is not used: it is {said}, whatever its axes; is the file of this recording?"
     if best:
         said += f", with the sensor's axes as {_named(axes[best])}"
-    return up_sensor @ axes[best].T, f"gravity is used: {said}"
+    return Vertical(up_sensor @ axes[best].T, max(medians[best], LEAST_DEG)), f"gravity is used: {said}"
 
 
 def with_gravity(
     edges: Sequence[Edge],
-    up_cam: Floats,
+    vertical: Vertical,
     matches: Matches,
     points: Sequence[ScanPoints],
     settings: Settings,
@@ -77,7 +88,7 @@ def with_gravity(
     Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_alone` inliers
     they need no loop of edges that confirms them.
     """
-    known = np.isfinite(up_cam).all(axis=1)
+    known = np.isfinite(vertical.up_cam).all(axis=1)
     weak = {(e.i, e.j): e for e in edges if e.verdict != VERIFIED and known[e.i] and known[e.j]}
     better = dict(weak)
     open_edges = {pair: matches[pair] for pair in weak}
@@ -85,7 +96,7 @@ def with_gravity(
         cycles = decompose(overlap_graph(len(points), open_edges), longest, settings.cycles.decomposition)
 
         def solve(cycle: tuple[int, ...]) -> list[Edge]:
-            return _solve(cycle, up_cam, matches, points, settings, seed)
+            return _solve(cycle, vertical, matches, points, settings, seed)
 
         for found in workers.map(solve, cycles, f"known vertical, {longest} scans", len(cycles)):
             for edge in found:
@@ -93,14 +104,15 @@ def with_gravity(
                     better[edge.i, edge.j] = edge
         open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != VERIFIED}
     edges = [better.get((edge.i, edge.j), edge) for edge in edges]
-    off = disagreement_deg(edges, up_cam)
-    return [_judged(edge, angle, settings.gravity) for edge, angle in zip(edges, off, strict=True)]
+    off = disagreement_deg(edges, vertical.up_cam)
+    limit = max(settings.gravity.max_deg, FAR * vertical.sigma_deg)
+    return [_judged(edge, angle, limit, settings.gravity) for edge, angle in zip(edges, off, strict=True)]
 
 
-def _judged(edge: Edge, angle_deg: float, settings: Gravity) -> Edge:
+def _judged(edge: Edge, angle_deg: float, most_deg: float, settings: Gravity) -> Edge:
     if edge.verdict == REJECTED or np.isnan(angle_deg):
         return edge
-    if angle_deg > settings.max_deg:
+    if angle_deg > most_deg:
         return replace(edge, verdict=REJECTED, reason=f"contradicts gravity by {angle_deg:.1f} deg")
     if angle_deg > settings.agree_deg:
         return edge
@@ -109,7 +121,7 @@ def _judged(edge: Edge, angle_deg: float, settings: Gravity) -> Edge:
 
 def _solve(
     cycle: tuple[int, ...],
-    up_cam: Floats,
+    vertical: Vertical,
     matches: Matches,
     points: Sequence[ScanPoints],
     settings: Settings,
@@ -119,8 +131,8 @@ def _solve(
     chain = sides(cycle)
     inputs = [directed(points, pair, matches) for pair in chain]
     rng = np.random.default_rng([seed, len(cycle), *cycle])
-    sigma = np.radians(settings.gravity.sigma_deg)
-    found = estimate_upright(inputs, up_cam[list(cycle)], sigma, settings.ransac, settings.verification.chi2, rng)
+    up_cam, sigma_rad = vertical.up_cam[list(cycle)], np.radians(vertical.sigma_deg)
+    found = estimate_upright(inputs, up_cam, sigma_rad, settings.ransac, settings.verification.chi2, rng)
     if found is None:
         return []
     return [

@@ -31,13 +31,13 @@ def judged_by_priors(
     """
     notes = []
     if priors.up_sensor is not None:
-        up_cam, note = checked(edges, priors.up_sensor, settings.gravity)
+        vertical, note = checked(edges, priors.up_sensor, settings.gravity)
         notes.append(note)
-        if up_cam is None:
+        if vertical is None:
             LOG.warning("%s", note)
         else:
             LOG.info("%s", note)
-            edges = with_gravity(edges, up_cam, matches, points, settings, seed, workers)
+            edges = with_gravity(edges, vertical, matches, points, settings, seed, workers)
     if priors.T_world_cam is not None:
         edges = with_rough_poses(edges, priors.T_world_cam, settings.rough)
         against = sum("rough poses" in edge.reason for edge in edges)
