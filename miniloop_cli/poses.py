@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.averaging.rotations import average_rotations
+from miniloop_cli.averaging.rows import rows
 from miniloop_cli.averaging.translations import average_translations
+from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, WEAK, Edge
@@ -54,10 +56,26 @@ def average(
 ) -> tuple[Poses, list[Edge]]:
     """Poses of all scans by motion averaging, and the edges, those that were found false rejected with the reason.
 
-    Dropping edges changes the result, so averaging is repeated until none is dropped (at most five times).
+    Edges that do not close the loops they lie on do not take part at first. Those that agree with the result of the
+    others, or join what the others leave apart, come back.
     """
     witness = witness if settings.min_alike > 0 else None
     edges = examined(edges, witness, settings.min_alike) if witness else list(edges)
+    if settings.rotations == "robust":
+        first = without_doubtful(edges, count, settings)
+        poses, judged = _settled(first, count, settings, witness)
+        back = [_against(e, poses, settings) if e is not f else g for e, f, g in zip(edges, first, judged, strict=True)]
+        if not _changed(judged, back):
+            return poses, back
+        edges = back
+    return _settled(edges, count, settings, witness)
+
+
+def _settled(
+    edges: Sequence[Edge], count: int, settings: Averaging, witness: Witness | None
+) -> tuple[Poses, list[Edge]]:
+    """Averaging and dropping what contradicts, repeated until none is dropped (at most five times)."""
+    edges = list(edges)
     for _ in range(5):
         edges = confirmed(edges, count, settings.min_alone)
         poses = _average_components(used(edges, count), count, settings)
@@ -102,6 +120,17 @@ def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[
         return edge
 
     return [judge(edge) for edge in edges]
+
+
+def without_doubtful(edges: Sequence[Edge], count: int, settings: Averaging) -> list[Edge]:
+    """The edges, those rejected that close hardly any of the loops of three they lie on, where other edges do."""
+    inside = used(edges, count)
+    if not inside:
+        return list(edges)
+    pairs, T_j_i = np.array([(e.i, e.j) for e in inside]), np.array([e.T_j_i for e in inside])
+    near = (float(np.cos(np.radians(settings.max_residual_deg) / 2)), settings.max_residual_m**2)
+    out = {id(e) for e, doubted in zip(inside, doubtful(count, pairs, rows(T_j_i), near), strict=True) if doubted}
+    return [rejected(edge, "closes no loops") if id(edge) in out else edge for edge in edges]
 
 
 def rejected(edge: Edge, reason: str) -> Edge:
