@@ -143,7 +143,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         for k, row in enumerate(final):
             if row[f"paper_{key}"] is not None:
                 axes.plot([row[f"paper_{key}"]] * 2, [k - 0.4, k + 0.4], color="C3")
-        axes.set(xlabel=f"mean error over the edges [{label}] (red: the paper's)", ylim=(len(final) - 0.5, -0.5))
+        axes.set(xlabel=f"mean error [{label}]; red: paper", ylim=(len(final) - 0.5, -0.5))
         axes.set_yticks(range(len(final)), names if axes is middle else [""] * len(final), fontsize=7)
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=120)
