@@ -144,6 +144,10 @@ class Bundle(Section):
         True,
         description="Estimate rolling shutter and the lag of depth behind colour from the recording, if observable.",
     )
+    motion: bool = Field(
+        True,
+        description="With timing: estimate the motion within each frame from its own rows; off: by the path of poses.",
+    )
 
 
 class Cloud(Section):

@@ -20,30 +20,16 @@ from miniloop_cli.graph.overlap import Pair, ScanPoints
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, used
-from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
+from miniloop_cli.refinement.bundle import BundleSettings
+from miniloop_cli.refinement.calibration import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.posegraph import refine_pose_graph
-from miniloop_cli.refinement.timing import (
-    Flow,
-    Measurements,
-    Timing,
-    camera_depths,
-    corrected,
-    flow,
-    slopes,
-    twists,
-)
+from miniloop_cli.refinement.timing import Measurements, Timing
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
-CALIBRATION_OBSERVATIONS = 60_000  # are plenty for two numbers
-LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
 MIN_SHARED = 10  # tracks that tie two scans to each other
-MOST_S = 0.1  # no sensor is that late
-MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
-FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
 COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
-NO_TIMING = Timing()
 
 
 @dataclass(frozen=True)
@@ -101,7 +87,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     rough = BundleSettings(
         depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-3, covariance=False
     )
-    T = _adjust(poses.T_world_cam, first, scans.camera, rough, jobs).T_world_cam
+    T = adjust(poses.T_world_cam, first, scans.camera, rough, jobs).T_world_cam
 
     pairs = partners(T, poses.registered, scans.points, scans.camera, settings.bundle.partners)
     matches = guided_matches(T, pairs, scans, settings, workers)
@@ -113,10 +99,10 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
         if not tied(tracked, known):
             return None
     fine = BundleSettings(depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-4)
-    timing = NO_TIMING
+    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
     if settings.bundle.timing:
-        timing, T = calibrate(T, tracked, scans, known, rough, jobs)
-    result = _adjust(T, tracked, scans.camera, fine, jobs, *_undone(T, None, tracked, scans, known, timing))
+        timing, T = calibrate(T, tracked, moving, rough, jobs)
+    result = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
     return Refined(Poses(result.T_world_cam, poses.component), COMMON_ERROR**2 * covariance, timing)
 
@@ -164,75 +150,3 @@ def _measure(
     row_share = (column("px")[:, 1] - (scans.camera.height - 1) / 2) / scans.camera.height
     lag = (scans.depth_stamps_s - scans.stamps_s)[tracks.frame]
     return Measurements(tracks.frame, tracks.track, row_share, column("px_ideal"), column("z_m"), column("slope"), lag)
-
-
-def _adjust(
-    T: Floats, measured: Measurements, camera: Camera, settings: BundleSettings, jobs: int,
-    px: Floats | None = None, z_m: Floats | None = None,
-) -> BundleResult:  # fmt: skip
-    px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
-    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs)
-
-
-def _moving(T: Floats, points: Floats | None, measured: Measurements, scans: Scans, known: NDArray[np.bool_]) -> Flow:
-    v, w = twists(T, scans.stamps_s, known)
-    unknown = np.full((int(measured.track.max(initial=-1)) + 1, 3), np.nan)
-    depth = camera_depths(measured, T, unknown if points is None else points)
-    return flow(measured, depth, v, w, scans.camera)
-
-
-def _undone(
-    T: Floats, points: Floats | None, measured: Measurements, scans: Scans, known: NDArray[np.bool_], timing: Timing
-) -> tuple[Floats, Floats]:
-    if timing == NO_TIMING:
-        return measured.px_ideal, measured.z_m
-    return corrected(measured, _moving(T, points, measured, scans, known), timing)
-
-
-def calibrate(
-    T: Floats, tracked: Measurements, scans: Scans, known: NDArray[np.bool_], rough: BundleSettings, jobs: int
-) -> tuple[Timing, Floats]:
-    """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
-
-    Newton's method on the two times, each step after a bundle adjustment of part of the tracks: the slope of the
-    cost is exact there, its curvature is the secant's. No timing at all is the answer where it takes away less than
-    LEAST_GAIN of the cost, or where the times leave what a sensor can do.
-    """
-    count = int(tracked.track.max(initial=-1)) + 1
-    every = int(np.ceil(len(tracked.track) / CALIBRATION_OBSERVATIONS))
-    part = tracked.subset(tracked.track % max(every, 1) == 0) if count else tracked
-    if not len(part.track):
-        return NO_TIMING, T
-    # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
-    plain = _adjust(T, part, scans.camera, rough, jobs)
-    times, before = np.zeros(2), None
-    result, cost = plain, plain.descent.cost_after
-    for _ in range(MOST_STEPS):
-        px, z_m = _undone_at(times, result, part, scans, known)
-        result = _adjust(result.T_world_cam, part, scans.camera, rough, jobs, px, z_m)
-        cost = result.descent.cost_after
-        moving = _moving(result.T_world_cam, result.points_world, part, scans, known)
-        sigma_z = rough.depth_sigma_factor * scans.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
-        gradient, curvature = slopes(
-            part, moving, result.residual_px, result.residual_depth, result.weight_px, result.weight_depth,
-            rough.sigma_px, sigma_z,
-        )  # fmt: skip
-        curvature *= FOLLOWING
-        if before is not None:
-            secant = (gradient - before[1]) / np.where(times == before[0], np.inf, times - before[0])
-            curvature = np.where(secant > 0.3 * curvature, secant, curvature)
-        before = (times, gradient)
-        step = np.clip(-gradient / np.maximum(curvature, 1e-12), -LONGEST_STEP_S, LONGEST_STEP_S)
-        times = times + step
-        if np.abs(step).max() < SETTLED_S:
-            break
-    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
-    if not cost < least or not (np.abs(times) < MOST_S).all():
-        return NO_TIMING, plain.T_world_cam
-    return Timing(float(times[0]), float(times[1])), result.T_world_cam
-
-
-def _undone_at(
-    times: Floats, result: BundleResult, part: Measurements, scans: Scans, known: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
-    return corrected(part, _moving(result.T_world_cam, result.points_world, part, scans, known), Timing(*times))

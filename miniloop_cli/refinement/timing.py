@@ -18,7 +18,6 @@ from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-MAX_GAP_S = 0.6  # frames farther apart say nothing of the motion at a frame
 
 
 @dataclass(frozen=True)
@@ -48,27 +47,6 @@ class Measurements:
     def subset(self, rows: NDArray) -> Measurements:
         """The measurements of these rows (indices or a mask)."""
         return Measurements(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-
-def twists(T_world_cam: Floats, timestamps_s: Floats, known: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
-
-    Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero where there
-    are no neighbours to tell.
-    """
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation, RotationSpline
-
-    v, w = np.zeros((len(T_world_cam), 3)), np.zeros((len(T_world_cam), 3))
-    frames = np.flatnonzero(known)
-    times = timestamps_s[frames]
-    for run in np.split(frames, np.flatnonzero((np.diff(times) > MAX_GAP_S) | (np.diff(times) <= 0)) + 1):
-        if len(run) < 3:
-            continue
-        R, t = T_world_cam[run, :3, :3], T_world_cam[run, :3, 3]
-        v[run] = np.einsum("nji,nj->ni", R, CubicSpline(timestamps_s[run], t)(timestamps_s[run], 1))
-        w[run] = RotationSpline(timestamps_s[run], Rotation.from_matrix(R))(timestamps_s[run], 1)
-    return v, w
 
 
 @dataclass(frozen=True)

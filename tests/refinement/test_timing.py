@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.refine import NO_TIMING, Scans, calibrate
 from miniloop_cli.refinement.bundle import BundleSettings
-from miniloop_cli.refinement.timing import Measurements, Timing, camera_depths, corrected, flow, twists
+from miniloop_cli.refinement.calibration import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.motion import felt_twists, twists
+from miniloop_cli.refinement.timing import Measurements, Timing, camera_depths, corrected, flow
 from miniloop_cli.scans.camera import Camera
 
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
@@ -20,20 +21,28 @@ def pose_at(t_s):
     return se3.pose(se3.exp_so3(w), c)
 
 
+def trembling(t_s):
+    """The same path in a hand that trembles three times a second, which frames taken at 5 Hz do not show."""
+    phase = 2 * np.pi * 3.1 * t_s
+    tremor = np.stack([np.sin(phase), np.cos(1.1 * phase), np.sin(0.9 * phase + 1)], axis=1)
+    return pose_at(t_s) @ se3.pose(se3.exp_so3(0.008 * tremor), 0.004 * tremor[:, ::-1])
+
+
 def wall_depth(x, y):
     """Depth of the scene, a gently curved wall, over world x and y."""
     return 2.2 + 0.35 * x - 0.5 * y + 0.15 * x * x
 
 
-def seen(t_s, X):
+def seen(t_s, X, path=pose_at):
     """Pixels (k, 2) and depths (k,) of world points X (k, 3) at times (k,)."""
-    p = np.einsum("kij,kj->ki", se3.inverse(pose_at(t_s))[:, :3, :3], X) + se3.inverse(pose_at(t_s))[:, :3, 3]
+    T = se3.inverse(path(t_s))
+    p = np.einsum("kij,kj->ki", T[:, :3, :3], X) + T[:, :3, 3]
     return CAMERA.project(p), p[:, 2]
 
 
-def depth_read(t_s, px):
+def depth_read(t_s, px, path=pose_at):
     """What a depth camera reads at pixels (k, 2) at times (k,): the ray's meeting with the wall."""
-    T = pose_at(t_s)
+    T = path(t_s)
     ray = np.einsum("kij,kj->ki", T[:, :3, :3], CAMERA.backproject(px, np.ones(len(px))))
     z = np.full(len(px), 2.2)
     for _ in range(60):
@@ -42,22 +51,22 @@ def depth_read(t_s, px):
     return z
 
 
-def recording(readout_s, lag_s, rng, noise_px=0.3, points=700):
+def recording(readout_s, lag_s, rng, noise_px=0.3, points=700, path=pose_at):
     """Measurements of random wall points by a camera whose rows and depth come late."""
     xy = rng.uniform(-1.6, 1.6, (points, 2))
     X = np.column_stack([xy, wall_depth(*xy.T)])
     frame, track = (k.ravel() for k in np.meshgrid(np.arange(len(STAMPS_S)), np.arange(points), indexing="ij"))
     t = STAMPS_S[frame]
-    px, _ = seen(t, X[track])
+    px, _ = seen(t, X[track], path)
     for _ in range(5):  # the row decides the time, the time decides the row
-        px, _ = seen(t + readout_s * (px[:, 1] - 239.5) / 480, X[track])
+        px, _ = seen(t + readout_s * (px[:, 1] - 239.5) / 480, X[track], path)
     inside = (px >= 20).all(axis=1) & (px[:, 0] < 620) & (px[:, 1] < 460)
     frame, track, t, px = frame[inside], track[inside], t[inside], px[inside]
     stamp_lag_s = rng.uniform(-0.015, 0.015, len(STAMPS_S))[frame]
     late = t + readout_s * (px[:, 1] - 239.5) / 480 + stamp_lag_s + lag_s
-    z = depth_read(late, px)
+    z = depth_read(late, px, path)
     step = 4 * np.eye(2)
-    slope = np.stack([(depth_read(late, px + d) - depth_read(late, px - d)) / 8 for d in step], axis=1)
+    slope = np.stack([(depth_read(late, px + d, path) - depth_read(late, px - d, path)) / 8 for d in step], axis=1)
     z += 0.25 * CAMERA.noise.sigma_m(z) * rng.normal(size=len(z))
     row_share = (px[:, 1] - 239.5) / 480
     px = px + noise_px * rng.normal(size=px.shape)
@@ -102,9 +111,9 @@ def test_what_was_put_in_is_undone():
 @pytest.mark.parametrize(("readout_s", "lag_s"), [(0.02, -0.02), (0.03, 0.015), (0.0, -0.03)])
 def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
     measured, _ = recording(readout_s, lag_s, np.random.default_rng(1))
-    scans = Scans([], [], STAMPS_S, STAMPS_S, CAMERA)
+    moving = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool))
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
-    timing, T = calibrate(pose_at(STAMPS_S), measured, scans, np.ones(25, bool), rough, 1)
+    timing, T = calibrate(pose_at(STAMPS_S), measured, moving, rough, 1)
     assert timing.readout_s == pytest.approx(readout_s, abs=0.003)
     assert timing.lag_s == pytest.approx(lag_s, abs=0.003)
     assert T.shape == (25, 4, 4)
@@ -113,8 +122,50 @@ def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
 def test_a_camera_without_either_is_left_alone():
     measured, _ = recording(0.0, 0.0, np.random.default_rng(2))
     still = Measurements(*(getattr(measured, n) for n in list(measured.__dataclass_fields__)[:-1]), 0 * measured.z_m)
-    scans = Scans([], [], STAMPS_S, STAMPS_S, CAMERA)
+    moving = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool))
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
-    timing, _ = calibrate(pose_at(STAMPS_S), still, scans, np.ones(25, bool), rough, 1)
+    timing, _ = calibrate(pose_at(STAMPS_S), still, moving, rough, 1)
     assert abs(timing.readout_s) < 0.002
     assert timing == NO_TIMING or abs(timing.lag_s) < 0.017  # the stamps said up to 15 ms and were not believed
+
+
+def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
+    measured, _ = recording(0.025, -0.016, np.random.default_rng(3), path=trembling)
+    moving, truth, timing = (
+        MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool)),
+        trembling(STAMPS_S),
+        Timing(0.025, -0.016),
+    )
+    h = 1e-4
+    around = [trembling(STAMPS_S + d) for d in (-h, h)]
+    w_true = se3.log_so3(np.swapaxes(around[0][:, :3, :3], 1, 2) @ around[1][:, :3, :3]) / (2 * h)
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    by_path, felt = (adjust_moving(truth, measured, moving, timing, rough, rough, 1, feel) for feel in (False, True))
+
+    def error(result):
+        """Mean errors of relative poses, degrees and millimetres."""
+        T, at = (se3.inverse(p[:-1]) @ p[1:] for p in (result.T_world_cam, truth))
+        E = se3.inverse(T) @ at
+        return se3.rotation_angle_deg(E[:, :3, :3]).mean(), 1e3 * np.linalg.norm(E[:, :3, 3], axis=1).mean()
+
+    assert error(felt)[0] < 0.7 * error(by_path)[0]
+    assert error(felt)[1] < 0.7 * error(by_path)[1]
+
+    path = moving.path_twists(truth)
+    px, z_m = corrected(measured, moving.flow(measured, truth, path), timing)
+    settled = adjust(truth, measured, CAMERA, rough, 1, px, z_m)
+    found = felt_twists(path, path, measured, settled, timing, CAMERA, rough)
+    assert np.linalg.norm(found[1] - w_true, axis=1).mean() < 0.7 * np.linalg.norm(path[1] - w_true, axis=1).mean()
+
+
+def test_frames_that_see_too_little_keep_the_motion_of_the_path():
+    measured, _ = recording(0.025, -0.016, np.random.default_rng(4), points=300)
+    few = measured.subset((measured.frame != 7) | (np.cumsum(measured.frame == 7) < 10))
+    moving, T = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool)), pose_at(STAMPS_S)
+    path, timing = moving.path_twists(T), Timing(0.025, -0.016)
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    settled = adjust(T, few, CAMERA, rough, 1, *corrected(few, moving.flow(few, T, path), timing))
+    v, w = felt_twists(path, path, few, settled, timing, CAMERA, rough)
+    assert np.array_equal(v[7], path[0][7])
+    assert np.array_equal(w[7], path[1][7])
+    assert not np.array_equal(w[8], path[1][8])

@@ -1,0 +1,119 @@
+"""Bundle adjustment of a camera that moves while it measures: its two unknown times, and its motion in each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
+from miniloop_cli.refinement.motion import felt_twists, twists
+from miniloop_cli.refinement.timing import Flow, Measurements, Timing, camera_depths, corrected, flow, slopes
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+Twists = tuple[Floats, Floats]
+CALIBRATION_OBSERVATIONS = 60_000  # are plenty for two numbers
+LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
+MOST_S = 0.1  # no sensor is that late
+MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
+FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
+FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
+NO_TIMING = Timing()
+
+
+@dataclass(frozen=True)
+class MovingCamera:
+    """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,)."""
+
+    camera: Camera
+    stamps_s: Floats
+    known: NDArray[np.bool_]
+
+    def path_twists(self, T_world_cam: Floats) -> Twists:
+        """Velocities (n, 3) of the path through the poses (n, 4, 4)."""
+        return twists(T_world_cam, self.stamps_s, self.known)
+
+    def flow(self, measured: Measurements, T_world_cam: Floats, motion: Twists, points: Floats | None = None) -> Flow:
+        """How the measured points move in the images, at the depths of `points` (p, 3) or those measured."""
+        unknown = np.full((int(measured.track.max(initial=-1)) + 1, 3), np.nan)
+        depth_m = camera_depths(measured, T_world_cam, unknown if points is None else points)
+        return flow(measured, depth_m, *motion, self.camera)
+
+
+def adjust(
+    T: Floats, measured: Measurements, camera: Camera, settings: BundleSettings, jobs: int,
+    px: Floats | None = None, z_m: Floats | None = None,
+) -> BundleResult:  # fmt: skip
+    """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,)."""
+    px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
+    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs)
+
+
+def adjust_moving(
+    T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
+    rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
+) -> BundleResult:  # fmt: skip
+    """Bundle adjustment with the timing undone.
+
+    The motion within the frames is that of the path through the poses at first; then, if it is to be felt, what the
+    frames' own measurements say of it, in turns with poses and points.
+    """
+    if timing == NO_TIMING:
+        return adjust(T, measured, moving.camera, fine, jobs)
+    motion = moving.path_twists(T)
+    px, z_m = corrected(measured, moving.flow(measured, T, motion), timing)
+    for _ in range(FELT_STEPS if feel else 0):
+        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m)
+        T, path = result.T_world_cam, moving.path_twists(result.T_world_cam)
+        motion = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
+        px, z_m = corrected(measured, moving.flow(measured, T, motion, result.points_world), timing)
+    return adjust(T, measured, moving.camera, fine, jobs, px, z_m)
+
+
+def calibrate(
+    T: Floats, tracked: Measurements, moving: MovingCamera, rough: BundleSettings, jobs: int
+) -> tuple[Timing, Floats]:
+    """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
+
+    Newton's method on the two times, each step after a bundle adjustment of part of the tracks: the slope of the
+    cost is exact there, its curvature is the secant's. No timing at all is the answer where it takes away less than
+    LEAST_GAIN of the cost, or where the times leave what a sensor can do.
+    """
+    count = int(tracked.track.max(initial=-1)) + 1
+    every = int(np.ceil(len(tracked.track) / CALIBRATION_OBSERVATIONS))
+    part = tracked.subset(tracked.track % max(every, 1) == 0) if count else tracked
+    if not len(part.track):
+        return NO_TIMING, T
+    # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
+    plain = adjust(T, part, moving.camera, rough, jobs)
+    times, before = np.zeros(2), None
+    result, cost = plain, plain.descent.cost_after
+    for _ in range(MOST_STEPS):
+        px, z_m = corrected(part, _path_flow(moving, part, result), Timing(*times))
+        result = adjust(result.T_world_cam, part, moving.camera, rough, jobs, px, z_m)
+        cost = result.descent.cost_after
+        sigma_z = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
+        gradient, curvature = slopes(
+            part, _path_flow(moving, part, result), result.residual_px, result.residual_depth, result.weight_px,
+            result.weight_depth, rough.sigma_px, sigma_z,
+        )  # fmt: skip
+        curvature *= FOLLOWING
+        if before is not None:
+            secant = (gradient - before[1]) / np.where(times == before[0], np.inf, times - before[0])
+            curvature = np.where(secant > 0.3 * curvature, secant, curvature)
+        before = (times, gradient)
+        step = np.clip(-gradient / np.maximum(curvature, 1e-12), -LONGEST_STEP_S, LONGEST_STEP_S)
+        times = times + step
+        if np.abs(step).max() < SETTLED_S:
+            break
+    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
+    if not cost < least or not (np.abs(times) < MOST_S).all():
+        return NO_TIMING, plain.T_world_cam
+    return Timing(float(times[0]), float(times[1])), result.T_world_cam
+
+
+def _path_flow(moving: MovingCamera, measured: Measurements, result: BundleResult) -> Flow:
+    T = result.T_world_cam
+    return moving.flow(measured, T, moving.path_twists(T), result.points_world)
