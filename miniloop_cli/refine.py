@@ -102,7 +102,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
     if settings.bundle.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
-    result = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
+    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
     return Refined(Poses(result.T_world_cam, poses.component), COMMON_ERROR**2 * covariance, timing)
 

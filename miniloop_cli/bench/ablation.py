@@ -73,7 +73,7 @@ VARIANTS: dict[str, Variant] = {
     ),
     "pose graph": Variant("refinement", ("refine=posegraph",)),
     "bundle without timing": Variant("refinement", ("bundle.timing=false",)),
-    "motion by the path only": Variant("refinement", ("bundle.motion=false",)),
+    "motion by the path": Variant("refinement", ("bundle.motion=false",)),
     "depth sigma x 1": Variant("refinement", ("bundle.depth_sigma_factor=1",)),
     "depth sigma x 4": Variant("refinement", ("bundle.depth_sigma_factor=4",)),
     "preset fast": Variant("presets", preset="fast"),

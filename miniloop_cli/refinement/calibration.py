@@ -20,7 +20,8 @@ MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
 FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
 FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
-NO_TIMING = Timing()
+LEAST_FELT_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
+NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,29 @@ def adjust(
 def adjust_moving(
     T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
-) -> BundleResult:  # fmt: skip
-    """Bundle adjustment with the timing undone.
+) -> tuple[BundleResult, Timing]:  # fmt: skip
+    """Bundle adjustment with the timing undone, and the timing that was.
 
-    The motion within the frames is that of the path through the poses at first; then, if it is to be felt, what the
-    frames' own measurements say of it, in turns with poses and points.
+    The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
+    frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
+    timing open. But only motion times readout moves a pixel, so an ASSUMED readout will do to feel their motion; the
+    result is taken if it explains the measurements better by more than LEAST_FELT_GAIN.
     """
-    if timing == NO_TIMING:
-        return adjust(T, measured, moving.camera, fine, jobs)
+    if timing != NO_TIMING:
+        return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
+    plain = adjust(T, measured, moving.camera, fine, jobs)
+    on_path = moving.path_twists(plain.T_world_cam)[1].any(axis=1)
+    if not feel or on_path.sum() > moving.known.sum() / 2:
+        return plain, timing
+    felt = _undone(plain.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True)
+    enough = felt.descent.cost_after < (1 - LEAST_FELT_GAIN) * plain.descent.cost_after
+    return (felt, ASSUMED) if enough else (plain, timing)
+
+
+def _undone(
+    T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
+    rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool,
+) -> BundleResult:  # fmt: skip
     motion = moving.path_twists(T)
     px, z_m = corrected(measured, moving.flow(measured, T, motion), timing)
     for _ in range(FELT_STEPS if feel else 0):

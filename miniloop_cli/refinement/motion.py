@@ -16,8 +16,9 @@ from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 MAX_GAP_S = 0.6  # frames farther apart say nothing of the motion at a frame
-# How far a hand-held camera's velocity is from the derivative of the path, as measured on real recordings.
-PATH_SIGMA_M_S, PATH_SIGMA_RAD_S = 0.05, 0.1
+# Rotation (rad/s), translation (m/s). How far a hand-held camera's velocity is from the derivative of its path, as
+# measured on real recordings; and how fast it is, where no path tells.
+PATH_SIGMAS, SPEED_SIGMAS = (0.1, 0.05), (0.5, 0.3)
 LEAST_OBSERVATIONS = 20
 
 
@@ -56,16 +57,19 @@ def felt_twists(
     One Gauss-Newton step a frame over its pose and its twist, from a bundle adjustment in which the measurements were
     corrected with the twists `before`. A point at row share s is seen s readout_s later, so a pixel's derivative by the
     twist is that by the pose, times this time; depth follows `timing.corrected`. The twist has a Gaussian prior about
-    that of the `path`. What all frames deviate alike is no motion but calibration, and taken out.
+    that of the `path`, or about rest where frames lie too far apart to make one. What all frames deviate alike is no
+    motion but calibration, and taken out.
     """
     T_cam_world = se3.inverse(adjusted.T_world_cam)
     known = adjusted.used & np.isfinite(adjusted.residual_px[:, 0])
     order = np.flatnonzero(known)[np.argsort(measured.frame[known], kind="stable")]
     start = np.searchsorted(measured.frame[order], np.arange(len(T_cam_world) + 1))
-    prior = np.repeat([PATH_SIGMA_RAD_S**-2.0, PATH_SIGMA_M_S**-2.0], 3)
     centre, twist = np.concatenate(path[::-1], axis=1), np.concatenate(before[::-1], axis=1)
     felt = twist.copy()
-    for f in np.flatnonzero(centre.any(axis=1) & (np.diff(start) >= LEAST_OBSERVATIONS)):
+    on_path = centre.any(axis=1)
+    near, free = (np.repeat(sigmas, 3) ** -2.0 for sigmas in (PATH_SIGMAS, SPEED_SIGMAS))
+    for f in np.flatnonzero(np.diff(start) >= LEAST_OBSERVATIONS):
+        prior = near if on_path[f] else free
         rows = order[start[f] : start[f + 1]]
         H, g = _frame_system(rows, T_cam_world[f], measured, adjusted, timing, camera, settings)
         H[range(6, 12), range(6, 12)] += prior

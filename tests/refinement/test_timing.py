@@ -1,11 +1,13 @@
 """Rolling shutter and depth lag: undone where they were put in, found from the measurements, left alone otherwise."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.bundle import BundleSettings
-from miniloop_cli.refinement.calibration import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.calibration import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.motion import felt_twists, twists
 from miniloop_cli.refinement.timing import Measurements, Timing, camera_depths, corrected, flow
 from miniloop_cli.scans.camera import Camera
@@ -140,7 +142,7 @@ def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
     around = [trembling(STAMPS_S + d) for d in (-h, h)]
     w_true = se3.log_so3(np.swapaxes(around[0][:, :3, :3], 1, 2) @ around[1][:, :3, :3]) / (2 * h)
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
-    by_path, felt = (adjust_moving(truth, measured, moving, timing, rough, rough, 1, feel) for feel in (False, True))
+    by_path, felt = (adjust_moving(truth, measured, moving, timing, rough, rough, 1, feel)[0] for feel in (False, True))
 
     def error(result):
         """Mean errors of relative poses, degrees and millimetres."""
@@ -169,3 +171,25 @@ def test_frames_that_see_too_little_keep_the_motion_of_the_path():
     assert np.array_equal(v[7], path[0][7])
     assert np.array_equal(w[7], path[1][7])
     assert not np.array_equal(w[8], path[1][8])
+
+
+@pytest.mark.parametrize(("readout_s", "gains"), [(0.025, True), (0.0, False)])
+def test_frames_too_far_apart_for_a_path_still_tell_their_motion(readout_s, gains):
+    measured, _ = recording(readout_s, 0.0, np.random.default_rng(5), path=trembling)
+    measured = dataclasses.replace(measured, stamp_lag_s=np.zeros(len(measured.frame)))
+    moving, truth = MovingCamera(CAMERA, 60 * STAMPS_S, np.ones(25, bool)), trembling(STAMPS_S)
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    timing, _ = calibrate(truth, measured, moving, rough, 1)
+    assert timing == NO_TIMING, "a minute apart, no path tells of it"
+    plain = adjust(truth, measured, CAMERA, rough, 1)
+    result, used = adjust_moving(truth, measured, moving, timing, rough, rough, 1)
+    assert used == (ASSUMED if gains else NO_TIMING)
+
+    def error_mm(found):
+        E = se3.inverse(se3.inverse(found.T_world_cam[:-1]) @ found.T_world_cam[1:])
+        return 1e3 * np.linalg.norm((E @ se3.inverse(truth[:-1]) @ truth[1:])[:, :3, 3], axis=1).mean()
+
+    if gains:
+        assert error_mm(result) < 0.8 * error_mm(plain)
+    else:
+        assert np.array_equal(result.T_world_cam, plain.T_world_cam)
