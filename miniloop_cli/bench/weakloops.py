@@ -17,74 +17,24 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store, default_folder
+from miniloop_cli.bench.overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Ransac, load_settings
-from miniloop_cli.errors import InputError
-from miniloop_cli.evaluation.association import associate
-from miniloop_cli.evaluation.errors import relative_errors
-from miniloop_cli.features.detect import comparable
-from miniloop_cli.features.extract import extract
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.candidates import listed_pairs, match_progressively
 from miniloop_cli.graph.cycles import Cycle
 from miniloop_cli.graph.edges import directed, in_order, sides, weakest_last
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, overlap_graph, scan_points
+from miniloop_cli.graph.overlap import Matches, Pair, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
-from miniloop_cli.scans import open_sequence, read_ground_truth
 
 Row = dict[str, Any]
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
 FEW, MANY = BINS[0][0], BINS[-1][1]
 STRONG = 40  # matches from which an edge can be a strong partner
-RIGHT_DEG, RIGHT_M = 5.0, 0.10
-LEAST_TRUE = 5  # matches within RIGHT_M of the truth; with fewer, no estimator can be expected to find it
+LEAST_TRUE = 5  # matches that the truth brings together; with fewer, no estimator can be expected to find it
 LENGTHS = (3, 4, 5, 6, 7)
 KINDS, PARTNERS = ("thinned", "real"), ("strong", "weak")
-
-
-@dataclass(frozen=True)
-class Overlaps:
-    """A recording as the graph sees it: points of its scans, matches of its pairs, true poses and where they hold."""
-
-    name: str
-    points: Sequence[ScanPoints]
-    matches: Matches
-    T_world_cam: NDArray[np.float64]
-    known: NDArray[np.bool_]
-
-    def right(self, pair: Pair, T_j_i: NDArray[np.float64]) -> tuple[bool, float, float]:
-        """Whether a relative pose (4, 4) is right; its errors in degrees and metres."""
-        T = np.stack([np.eye(4), se3.inverse(T_j_i)])
-        (deg,), (metres,) = relative_errors(T, self.T_world_cam[list(pair)], np.array([[0, 1]]))
-        return bool(deg < RIGHT_DEG and metres < RIGHT_M), float(deg), float(metres)
-
-    def true_matches(self, pair: Pair, rows: NDArray[np.int64]) -> int:
-        """How many of the matches (m, 2) the true relative pose brings together."""
-        edge = edge_matches(self.points, pair, rows)
-        T_j_i = se3.inverse(self.T_world_cam[pair[1]]) @ self.T_world_cam[pair[0]]
-        return int((np.linalg.norm(se3.transform(T_j_i, edge.p) - edge.q, axis=1) < RIGHT_M).sum())
-
-
-def read_overlaps(folder: Path, max_frames: int | None, workers: Workers) -> Overlaps:
-    """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
-    sequence, settings = open_sequence(folder, max_frames=max_frames), load_settings()
-    truth = read_ground_truth(sequence)
-    if truth is None:
-        raise InputError(f"{folder} comes without ground truth: there is nothing to tell right edges by")
-    scans = [scan.features for scan in extract(sequence, settings, Store(default_folder()), workers)]
-    points = [scan_points(scan, sequence.camera) for scan in scans]
-    matching = settings.matching.model_copy(update={"min_matches": FEW})
-    strongest = [
-        comparable(scan.descriptors[: min(scan.with_depth, matching.count)], settings.features.type) for scan in scans
-    ]
-    pairs = listed_pairs(len(scans), "auto", matching)
-    stamps = np.array([frame.timestamp_s for frame in sequence.frames])
-    T_world_cam, known = associate(stamps, truth)
-    matches = match_progressively(strongest, points, pairs, matching, workers)
-    return Overlaps(sequence.name, points, matches, T_world_cam, known)
 
 
 @dataclass(frozen=True)
@@ -164,7 +114,8 @@ def solve_loop(
         if found is not None:
             (k,) = (k for k, edge in enumerate(edges) if in_order(edge) == loop.pair)
             T = found.edges[k].T
-            outcome = overlaps.right(loop.pair, T if edges[k] == loop.pair else se3.inverse(T))
+            deg, metres = overlaps.errors([loop.pair], T if edges[k] == loop.pair else se3.inverse(T))
+            outcome = (bool(right(deg, metres)[0]), float(deg[0]), float(metres[0]))
         results[SOLVERS[scans].name] = (*outcome, seconds)
     return results
 
@@ -177,7 +128,7 @@ def weak_loop_rows(
     Everything but the seconds depends on the seed alone.
     """
     for folder in folders:
-        overlaps = read_overlaps(folder, max_frames, workers)
+        overlaps = read_overlaps(folder, load_settings(overrides=(f"matching.min_matches={FEW}",)), max_frames, workers)
         for k, kind in enumerate(KINDS):
             for p, partners in enumerate(PARTNERS):
                 loops = draw_loops(overlaps, kind, partners, most, np.random.default_rng([seed, k, p]))

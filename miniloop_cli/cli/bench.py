@@ -10,6 +10,7 @@ BENCHES: dict[str, str] = {
     "ablation": "miniloop_cli.cli.bench_ablation:bench_ablation",
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
     "minisequences": "miniloop_cli.cli.bench_minisequences:bench_minisequences",
+    "edges": "miniloop_cli.cli.bench_edges:bench_edges",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "outliers": "miniloop_cli.cli.bench_outliers:bench_outliers",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",

@@ -101,9 +101,13 @@ def inlier_sample_share(T: Floats, matches: Packed, inverse_gate2: Floats, sampl
     """
     closing = np.empty((3, 4))
     compose_into(T, closing)
-    share, filled = 1.0, 0
+    inlier = np.empty(matches.P.shape[1], np.bool_)
     for e in range(sizes.shape[0]):
         pose = T[e] if e < T.shape[0] else closing
+        for k in range(matches.start[e], matches.start[e + 1]):
+            inlier[k] = score(pose, matches, inverse_gate2, k, k + 1, 0.0, np.inf) < 1.0
+    share, filled = 1.0, 0
+    for e in range(sizes.shape[0]):
         clean, drawn = 0, 0
         for b in range(samples.shape[0]):
             if samples[b, filled] < 0:
@@ -111,8 +115,7 @@ def inlier_sample_share(T: Floats, matches: Packed, inverse_gate2: Floats, sampl
             drawn += 1
             inside = 0
             for s in range(filled, filled + sizes[e]):
-                k = samples[b, s]
-                inside += score(pose, matches, inverse_gate2, k, k + 1, 0.0, np.inf) < 1.0
+                inside += inlier[samples[b, s]]
             clean += inside == sizes[e]
         filled += sizes[e]
         share *= clean / max(drawn, 1)

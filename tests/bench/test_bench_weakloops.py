@@ -11,8 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import simulate
-from miniloop_cli.bench.weakloops import FEW, LENGTHS, MANY, STRONG, draw_loops, random_cycle, read_overlaps, solve_loop
+from miniloop_cli.bench.overlaps import read_overlaps, right
+from miniloop_cli.bench.weakloops import FEW, LENGTHS, MANY, STRONG, draw_loops, random_cycle, solve_loop
 from miniloop_cli.cli.bench import bench
+from miniloop_cli.config import load_settings
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.parallel import Workers
@@ -32,7 +34,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def overlaps(folder):
-    return read_overlaps(folder, None, Workers(1))
+    return read_overlaps(folder, load_settings(), None, Workers(1))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -71,17 +73,17 @@ def test_solved_edges_are_those_asked_for(overlaps, rng):
     for loop in draw_loops(overlaps, "thinned", "strong", 5, rng):
         results = solve_loop(loop, overlaps, 200, 0)
         assert list(results) == ["pairwise", *(f"cycle{n}" for n in LENGTHS)]
-        for right, deg, metres, seconds in list(results.values())[1:]:
-            assert right and deg < 2 and metres < 0.05 and seconds >= 0
+        for good, deg, metres, seconds in list(results.values())[1:]:
+            assert good and deg < 2 and metres < 0.05 and seconds >= 0
 
 
 def test_truth_decides(overlaps):
     T = se3.inverse(overlaps.T_world_cam[3]) @ overlaps.T_world_cam[1]
-    assert overlaps.right((1, 3), T)[0]
+    assert right(*overlaps.errors([(1, 3)], T))
     for w, t in [([0, 0, np.radians(5.1)], [0, 0, 0]), ([0, 0, 0], [0.101, 0, 0])]:
-        moved = se3.pose(se3.exp_so3(np.array(w)), np.array(t)) @ T
-        right, deg, metres = overlaps.right((1, 3), moved)
-        assert not right and max(deg / 5.1, metres / 0.101) == pytest.approx(1, rel=1e-6)
+        moved = T @ se3.pose(se3.exp_so3(np.array(w)), np.array(t))
+        (deg,), (metres,) = overlaps.errors([(1, 3)], moved)
+        assert not right(deg, metres) and max(deg / 5.1, metres / 0.101) == pytest.approx(1, rel=1e-6)
     edge = overlaps.matches[1, 3]
     assert overlaps.true_matches((1, 3), edge) > 0.8 * len(edge)
     assert overlaps.true_matches(
@@ -108,4 +110,4 @@ def test_rows_do_not_depend_on_jobs(folder, tmp_path):
 def test_a_recording_without_truth_is_refused(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "bare", ignore=shutil.ignore_patterns("groundtruth.txt"))
     with pytest.raises(InputError, match="without ground truth"):
-        read_overlaps(tmp_path / "bare", None, Workers(1))
+        read_overlaps(tmp_path / "bare", load_settings(), None, Workers(1))
