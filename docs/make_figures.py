@@ -148,7 +148,9 @@ def screenshot(page: Path, name: str, size: tuple[int, int] = (1000, 900)) -> No
         return
     target = WORK / "screenshot.png"
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--window-size={size[0]},{size[1]}"]
-    subprocess.run([browser, *flags, f"--screenshot={target}", page.as_uri()], check=True, capture_output=True)
+    flags += ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    flags += [f"--user-data-dir={WORK / 'profile'}", f"--screenshot={target}"]
+    subprocess.run([browser, *flags, page.as_uri()], check=True, capture_output=True)
     write_image(name, cv2.imread(str(target))[..., ::-1], size[0])
 
 

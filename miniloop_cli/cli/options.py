@@ -31,9 +31,20 @@ def _show_notes(ctx: click.Context, param: click.Parameter, verbose: bool) -> No
         logging.getLogger("miniloop").setLevel(logging.INFO)
 
 
+def _only_errors(ctx: click.Context, param: click.Parameter, quiet: bool) -> bool:
+    logger = logging.getLogger("miniloop")
+    if quiet:
+        logger.setLevel(logging.ERROR)
+    elif logger.level == logging.ERROR:  # left by another command of this process
+        logger.setLevel(logging.NOTSET)
+    return quiet
+
+
 seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all randomness.")
 jobs = click.option("-j", "--jobs", type=int, default=-1, show_default=True, help="Parallel jobs; -1: all cores.")
-quiet = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes; errors and results only.")
+quiet = click.option(
+    "-q", "--quiet", is_flag=True, callback=_only_errors, help="No progress and no notes; errors and results only."
+)
 verbose = click.option(
     "-v",
     "--verbose",

@@ -56,6 +56,10 @@ def test_gravity_of_another_recording_is_not_used(weak, registered, tmp_path):
     np.savetxt(tmp_path / "other.txt", rows)
     free, _ = registered()
     spoilt, _ = registered("--gravity", tmp_path / "other.txt")
+    options = ("-o", tmp_path / "again", "--set", "features.count=150", "--gravity", tmp_path / "other.txt")
+    cache = {"cwd": tmp_path, "MINILOOP_CACHE": weak.parent / "cache"}
+    assert "gravity is not used" in run_process("register", weak, *options, **cache).stderr
+    assert not run_process("register", weak, *options, "-q", **cache).stderr
     assert "gravity is not used" in spoilt["notes"][-1]
     assert {**spoilt, "notes": [], "timings_s": {}} == {**free, "notes": [], "timings_s": {}}
 

@@ -205,7 +205,8 @@ def test_in_a_browser(run, tmp_path):
     clicked = tmp_path / "clicked.html"
     clicked.write_text(path.read_text().replace("</body>", f"<script>{clicks}</script></body>"))
     home = f"--user-data-dir={tmp_path / 'profile'}"
-    browser = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", home, "--window-size=500,2400"]
+    alone = ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    browser = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", *alone, home, "--window-size=500,2400"]
     done = subprocess.run(
         [*browser, "--enable-logging=stderr", "--dump-dom", clicked.as_uri()],
         capture_output=True, text=True, check=True, timeout=120,
