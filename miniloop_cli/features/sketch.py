@@ -1,0 +1,158 @@
+"""Fast matching: a sketch of each descriptor names the few neighbours that are worth an exact comparison.
+
+A sketch is the signs of the descriptor under random directions (Charikar, "Similarity estimation techniques from
+rounding algorithms", STOC 2002): the nearer two descriptors, the fewer signs differ, and counting differing bits costs
+a fraction of a distance. Of each feature the CANDIDATES that differ least, one at most in every LANE of columns, are
+then compared exactly; the ratio test is between those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+Bits = NDArray[np.uint32]
+
+WORDS = 8  # of 32 bits, a sketch
+LANES = 16  # columns compared at once; each keeps its best
+CANDIDATES = 2
+MOST = 1 << 16  # features of a scan: as many as a key can number
+
+
+@dataclass(frozen=True)
+class Sketched:
+    """Features ready for `match_sketched`: descriptors (n, d) uint8 and their sketches.
+
+    rows: (n, WORDS); blocks: the same as (ceil(n / LANES), WORDS, LANES), zeros at the end.
+    """
+
+    descriptors: NDArray[np.uint8]
+    rows: Bits
+    blocks: Bits
+
+
+def sketch(descriptors: Sequence[NDArray[np.uint8]]) -> list[Sketched]:
+    """Sketches of the (n, d) compact descriptors of each scan of a recording, about the recording's mean."""
+    some = [found[:200] for found in descriptors if len(found)]
+    if not some:
+        return [Sketched(found, np.zeros((0, WORDS), np.uint32), np.zeros((0, WORDS, LANES), np.uint32)) for found in descriptors]
+    mean = np.concatenate(some).mean(axis=0, dtype=np.float64).astype(np.float32)
+    directions = _directions(len(mean))
+    return [_sketched(found[:MOST], mean, directions) for found in descriptors]
+
+
+def _directions(d: int) -> NDArray[np.float32]:
+    """(d, 32 WORDS) directions, orthogonal within each group of d."""
+    rng, count = np.random.default_rng(0), 32 * WORDS
+    groups = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(-(-count // d))]
+    return np.hstack(groups)[:, :count].astype(np.float32)
+
+
+def _sketched(descriptors: NDArray[np.uint8], mean: NDArray[np.float32], directions: NDArray[np.float32]) -> Sketched:
+    n = len(descriptors)
+    signs = (descriptors.astype(np.float32) - mean) @ directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
+    rows = np.ascontiguousarray(np.packbits(signs, axis=1)).view(np.uint32)
+    padded = np.pad(rows, ((0, -n % LANES), (0, 0)))
+    return Sketched(descriptors, rows, np.ascontiguousarray(padded.reshape(-1, LANES, WORDS).transpose(0, 2, 1)))
+
+
+def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
+    """Matches (k, 2) of the first `count` features of a and b, sorted; `ratio2` bounds the ratio of squared distances.
+
+    Nearly those of `match`: mutual as far as the candidates tell, and where the second nearest is not among them, the
+    ratio test lets more pass.
+    """
+    n, m = min(len(a.rows), count), min(len(b.rows), count)
+    if n < 1 or m < 2:
+        return np.zeros((0, 2), np.int64)
+    return _match(a.descriptors, b.descriptors, a.rows[:n], b.blocks, m, ratio2)
+
+
+@intrinsic
+def _ctpop(_: Any, x: Any) -> Any:
+    """Set bits of an integer, by the machine's own instruction."""
+
+    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return x(x), generate
+
+
+@njit(nogil=True)
+def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None:
+    """Keys (differing bits, number) of the best of each lane for every row (n, LANES), and of every column's row."""
+    shift = np.uint32(16)
+    whole = m // LANES
+    for i in range(rows.shape[0]):
+        number, best = np.uint32(i), lane[i]
+        for block in range(whole):
+            at = np.uint32(block)
+            for k in range(LANES):
+                differing = np.uint32(0)
+                for w in range(WORDS):
+                    differing += _ctpop(np.uint32(rows[i, w] ^ blocks[block, w, k]))
+                differing = np.uint32(differing << shift)
+                column[block, k] = min(column[block, k], np.uint32(differing | number))
+                best[k] = min(best[k], np.uint32(differing | at))
+        for k in range(m - whole * LANES):
+            differing = np.uint32(0)
+            for w in range(WORDS):
+                differing += _ctpop(np.uint32(rows[i, w] ^ blocks[whole, w, k]))
+            differing = np.uint32(differing << shift)
+            column[whole, k] = min(column[whole, k], np.uint32(differing | number))
+            best[k] = min(best[k], np.uint32(differing | np.uint32(whole)))
+
+
+@njit(nogil=True, inline="always")
+def _distance2(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
+    total = np.int32(0)
+    for d in range(a.shape[0]):
+        difference = np.int32(a[d]) - np.int32(b[d])
+        total += difference * difference
+    return total
+
+
+@njit(nogil=True)
+def _match(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits, m: int, ratio2: float
+) -> Ints:
+    n = rows.shape[0]
+    none = np.uint32(0xFFFFFFFF)
+    lane = np.full((n, LANES), none, np.uint32)
+    column = np.full((-(-m // LANES), LANES), none, np.uint32)
+    _nearest(rows, blocks, m, lane, column)
+    match, distance2 = np.full(n, -1), np.empty(n, np.int32)
+    taken, taken_by = np.full(m, np.int32(2**31 - 1), np.int32), np.full(m, -1)
+    for i in range(n):
+        nearest, best, second = -1, np.int32(2**31 - 1), np.int32(2**31 - 1)
+        for _ in range(CANDIDATES):
+            k = np.argmin(lane[i])
+            if lane[i, k] == none:
+                break
+            j = np.int64(lane[i, k] & np.uint32(0xFFFF)) * LANES + k
+            lane[i, k] = none
+            d2 = _distance2(a[i], b[j])
+            if d2 < best:
+                nearest, best, second = j, d2, best
+            else:
+                second = min(second, d2)
+        if best < ratio2 * second:
+            rival = np.int64(column[nearest // LANES, nearest % LANES] & np.uint32(0xFFFF))
+            if rival != i and _distance2(a[rival], b[nearest]) < best:
+                continue
+            match[i], distance2[i] = nearest, best
+            if best < taken[nearest]:
+                taken[nearest], taken_by[nearest] = best, i
+    out, count = np.empty((n, 2), np.int64), 0
+    for i in range(n):
+        if match[i] >= 0 and taken_by[match[i]] == i:
+            out[count, 0], out[count, 1] = i, match[i]
+            count += 1
+    return out[:count].copy()
