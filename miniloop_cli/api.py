@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Many
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ def register(
     init: Path | str | None = None,
     max_frames: int | None = None,
     jobs: int = -1,
+    cluster: str | None = None,
     seed: int = 0,
     fresh: bool = False,
     quiet: bool = True,
@@ -37,11 +39,13 @@ def register(
     """Register a recording and write its results, report included, to `output` (default `results/<name>`).
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
-    `gravity`: an accelerometer table, `init`: rough poses in TUM's format (docs/priors.md).
+    `gravity`: an accelerometer table, `init`: rough poses in TUM's format (docs/priors.md);
+    `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
     from miniloop_cli.ahead import compile_ahead
     from miniloop_cli.artefacts import Store, default_folder
+    from miniloop_cli.cluster import connected
     from miniloop_cli.config import load_settings
     from miniloop_cli.lock import exclusive
     from miniloop_cli.parallel import Workers
@@ -59,9 +63,10 @@ def register(
     target = Path(output) if output else Path("results") / sequence.name
     if jobs != 1:
         compile_ahead()
-    with exclusive(target):
+    with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
+        workers = Workers(jobs, quiet, connection)
         try:
-            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), Workers(jobs, quiet), seed, priors)
+            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), workers, seed, priors)
         except RegistrationError as error:
             if error.run is None:
                 raise

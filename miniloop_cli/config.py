@@ -46,9 +46,9 @@ class Matching(Section):
     ratio: float = Field(0.8, gt=0, le=1, description="Nearest over second-nearest descriptor distance, at most.")
     pairs: str = Field("auto", description="auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers).")
     count: int = Field(1200, ge=16, description="Strongest features of a scan in a full comparison.")
-    look_count: int = Field(500, ge=16, description="auto: strongest features of a scan in the first look.")
-    look_min: int = Field(4, ge=0, description="auto: a look with fewer consistent matches rules the pair out.")
-    look_enough: int = Field(15, ge=0, description="auto: a look with as many needs no full comparison.")
+    min_agreeing: int = Field(
+        6, ge=0, description="auto: a pair with fewer matches that all agree in their distances is left out."
+    )
     all_up_to: int = Field(
         400, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
     )

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 from joblib import effective_n_jobs
 from threadpoolctl import threadpool_limits
@@ -21,7 +22,10 @@ from miniloop_cli.progress import track
 
 ROOM_BYTES = 128 << 20
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
+
+if TYPE_CHECKING:
+    from miniloop_cli.cluster import Cluster
 
 
 @contextmanager
@@ -46,10 +50,11 @@ def single_inner_threads() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Workers:
-    """How work is spread: `jobs` threads (-1: one a core), and whether progress is shown."""
+    """How work is spread: `jobs` threads (-1: one a core), a cluster where there is one; whether progress is shown."""
 
     jobs: int = -1
     quiet: bool = True
+    cluster: Cluster | None = None
 
     @property
     def threads(self) -> int:
@@ -67,6 +72,22 @@ class Workers:
         with single_inner_threads():
             results = map(function, items) if self.threads == 1 else _in_order(function, items, self.threads)
             yield from track(results, description, total, self.quiet)
+
+    def spread(
+        self,
+        function: Callable[[Shared, Item], Result],
+        shared: Shared,
+        items: Iterable[Item],
+        description: str,
+        total: int,
+    ) -> Iterator[Result]:
+        """function(shared, item) for each item, in order: on the cluster where there is one, else as `map` does.
+
+        `function` belongs to a module, and draws on nothing but its arguments: it may run on another machine.
+        """
+        if self.cluster is None:
+            return self.map(partial(function, shared), items, description, total)
+        return track(self.cluster.map(function, shared, items), description, total, self.quiet)
 
 
 def _in_order(function: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[Result]:

@@ -54,6 +54,11 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 @options.overrides
 @click.option("--fresh", is_flag=True, help="Make everything again; by default finished work is taken up.")
 @options.jobs
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Dask scheduler, as tcp://scheduler:8786, to work on (needs: pip install 'miniloop[cluster]').",
+)
 @options.seed
 @options.json_file
 @click.option(
@@ -79,6 +84,7 @@ def register(
     overrides: tuple[str, ...],
     fresh: bool,
     jobs: int,
+    cluster: str | None,
     seed: int,
     json_path: str | None,
     recording_path: Path | None,
@@ -113,6 +119,7 @@ def register(
         init=init,
         max_frames=max_frames,
         jobs=jobs,
+        cluster=cluster,
         seed=seed,
         fresh=fresh,
         quiet=quiet,

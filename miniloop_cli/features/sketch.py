@@ -22,7 +22,7 @@ Bits = NDArray[np.uint32]
 
 WORDS = 8  # of 32 bits, a sketch
 LANES = 16  # columns compared at once; each keeps its best
-CANDIDATES = 2
+CANDIDATES = 8
 MOST = 1 << 16  # features of a scan: as many as a key can number
 
 
@@ -40,10 +40,8 @@ class Sketched:
 
 def sketch(descriptors: Sequence[NDArray[np.uint8]]) -> list[Sketched]:
     """Sketches of the (n, d) compact descriptors of each scan of a recording, about the recording's mean."""
-    some = [found[:200] for found in descriptors if len(found)]
-    if not some:
-        return [Sketched(found, np.zeros((0, WORDS), np.uint32), np.zeros((0, WORDS, LANES), np.uint32)) for found in descriptors]
-    mean = np.concatenate(some).mean(axis=0, dtype=np.float64).astype(np.float32)
+    strongest = [found[:200] for found in descriptors if len(found)]
+    mean = np.concatenate(strongest).mean(axis=0).astype(np.float32) if strongest else np.zeros(1, np.float32)
     directions = _directions(len(mean))
     return [_sketched(found[:MOST], mean, directions) for found in descriptors]
 
@@ -57,7 +55,7 @@ def _directions(d: int) -> NDArray[np.float32]:
 
 def _sketched(descriptors: NDArray[np.uint8], mean: NDArray[np.float32], directions: NDArray[np.float32]) -> Sketched:
     n = len(descriptors)
-    signs = (descriptors.astype(np.float32) - mean) @ directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
+    signs = (descriptors - mean) @ directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
     rows = np.ascontiguousarray(np.packbits(signs, axis=1)).view(np.uint32)
     padded = np.pad(rows, ((0, -n % LANES), (0, 0)))
     return Sketched(descriptors, rows, np.ascontiguousarray(padded.reshape(-1, LANES, WORDS).transpose(0, 2, 1)))
@@ -85,7 +83,7 @@ def _ctpop(_: Any, x: Any) -> Any:
     return x(x), generate
 
 
-@njit(nogil=True)
+@njit(cache=True, nogil=True)
 def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None:
     """Keys (differing bits, number) of the best of each lane for every row (n, LANES), and of every column's row."""
     shift = np.uint32(16)
@@ -110,7 +108,7 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
             best[k] = min(best[k], np.uint32(differing | np.uint32(whole)))
 
 
-@njit(nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _distance2(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
     total = np.int32(0)
     for d in range(a.shape[0]):
@@ -119,10 +117,8 @@ def _distance2(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
     return total
 
 
-@njit(nogil=True)
-def _match(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits, m: int, ratio2: float
-) -> Ints:
+@njit(cache=True, nogil=True)
+def _match(a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits, m: int, ratio2: float) -> Ints:
     n = rows.shape[0]
     none = np.uint32(0xFFFFFFFF)
     lane = np.full((n, LANES), none, np.uint32)

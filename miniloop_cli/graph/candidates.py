@@ -1,8 +1,4 @@
-"""Which pairs of scans are compared, and how closely: a cheap look at all, the full comparison where it decides.
-
-The look matches the few hundred strongest features of a pair. A pair whose look holds enough distance-consistent
-matches is an edge as it is; one that holds hardly any is no edge; only what lies between is matched in full.
-"""
+"""Which pairs of scans are compared, and how: by sketches of their features, or exactly."""
 
 from __future__ import annotations
 
@@ -16,13 +12,14 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Matching
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.match import match
+from miniloop_cli.features.sketch import Sketched, match_sketched
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent
 from miniloop_cli.graph.retrieval import image_vectors, similar_pairs
 from miniloop_cli.parallel import Workers
 
 Descriptors = Sequence[NDArray]
-MANY = 150  # matches beyond which a look needs no further check
-LOOK_THRESHOLD_M = 0.04  # tighter than the estimator's: a few chance matches must not pass for an overlap
+MANY = 150  # matches that need no further check
+AGREEING_M = 0.04  # tighter than the estimator's threshold: a few chance matches must not pass for an overlap
 
 
 def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
@@ -61,36 +58,46 @@ def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Gen
     return sorted({*neighbours(len(compact), settings.neighbours), *alike})
 
 
-def match_progressively(
-    descriptors: Descriptors, points: Sequence[ScanPoints], pairs: Sequence[Pair], settings: Matching, workers: Workers
+def match_quickly(
+    features: Sequence[Sketched],
+    points: Sequence[ScanPoints],
+    pairs: Sequence[Pair],
+    settings: Matching,
+    ratio2: float,
+    workers: Workers,
 ) -> Matches:
-    """Matches of the pairs by a look first; pairs that the look rules out are left out.
+    """Matches of the pairs by sketches; a pair of which too few agree in their distances is left out.
 
-    descriptors: comparable descriptors of each scan's features with depth, strongest first.
+    features: of each scan its features with depth, strongest first; ratio2: bound of the ratio test on what sketches
+    are compared by (see `match_sketched`).
     """
 
-    def look_then_match(pair: Pair) -> NDArray[np.int64] | None:
-        a, b = (descriptors[k][: settings.look_count] for k in pair)
-        rows = match(a, b, settings.ratio)
-        agreeing = len(rows) if len(rows) > MANY else consistent(points, pair, rows, LOOK_THRESHOLD_M, 3).sum()
-        if agreeing < settings.look_min:
-            return None
-        if agreeing < settings.look_enough:
-            a, b = (descriptors[k][: settings.count] for k in pair)
-            rows = match(a, b, settings.ratio)
-        return rows
+    shared = features, points, settings, ratio2
+    return enough(pairs, workers.spread(_match_quickly, shared, pairs, "matching pairs", len(pairs)), settings)
 
-    return enough(pairs, workers.map(look_then_match, pairs, "matching pairs", len(pairs)), settings)
+
+def _match_quickly(
+    shared: tuple[Sequence[Sketched], Sequence[ScanPoints], Matching, float], pair: Pair
+) -> NDArray[np.int64] | None:
+    features, points, settings, ratio2 = shared
+    rows = match_sketched(features[pair[0]], features[pair[1]], settings.count, ratio2)
+    if settings.min_matches <= len(rows) <= MANY and settings.min_agreeing > 1:
+        agreeing = consistent(points, pair, rows, AGREEING_M, settings.min_agreeing - 1).sum()
+        return rows if agreeing >= settings.min_agreeing else None
+    return rows
 
 
 def match_fully(descriptors: Descriptors, pairs: Sequence[Pair], settings: Matching, workers: Workers) -> Matches:
     """Matches of every pair over its `count` strongest features."""
 
-    def match_pair(pair: Pair) -> NDArray[np.int64]:
-        a, b = (descriptors[k][: settings.count] for k in pair)
-        return match(a, b, settings.ratio)
+    shared = descriptors, settings
+    return enough(pairs, workers.spread(_match_fully, shared, pairs, "matching pairs", len(pairs)), settings)
 
-    return enough(pairs, workers.map(match_pair, pairs, "matching pairs", len(pairs)), settings)
+
+def _match_fully(shared: tuple[Descriptors, Matching], pair: Pair) -> NDArray[np.int64]:
+    descriptors, settings = shared
+    a, b = (descriptors[k][: settings.count] for k in pair)
+    return match(a, b, settings.ratio)
 
 
 def enough(pairs: Sequence[Pair], found: Iterable[NDArray[np.int64] | None], settings: Matching) -> Matches:

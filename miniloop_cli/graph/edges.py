@@ -79,13 +79,8 @@ def solve_edges(
         cycles = decompose(graph, longest, settings.cycles.decomposition)
         work = [(number, cycle) for number, cycle in enumerate(cycles, numbered)]
         numbered += len(cycles)
-
-        def solve(item: tuple[int, Cycle]) -> list[Edge]:
-            return _solve_cycle(*item, matches, points, settings, seed)
-
-        for edges in workers.map(
-            solve, work, f"solving {longest}-cycles" if longest > 2 else "solving pairs", len(work)
-        ):
+        description = f"solving {longest}-cycles" if longest > 2 else "solving pairs"
+        for edges in workers.spread(_solve_cycle, (matches, points, settings, seed), work, description, len(work)):
             for edge in edges:
                 better = (edge.i, edge.j) not in solved or edge.inlier_count > solved[edge.i, edge.j].inlier_count
                 if better:
@@ -114,8 +109,9 @@ def _hopeless(matches: Matches, points: Sequence[ScanPoints], settings: Settings
 
 
 def _solve_cycle(
-    number: int, cycle: Cycle, matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int
+    shared: tuple[Matches, Sequence[ScanPoints], Settings, int], numbered: tuple[int, Cycle]
 ) -> list[Edge]:
+    (matches, points, settings, seed), (number, cycle) = shared, numbered
     cycle = weakest_last(cycle, matches)
     chain = sides(cycle)
     inputs = [directed(points, pair, matches) for pair in chain]

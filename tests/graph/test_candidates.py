@@ -1,11 +1,12 @@
-"""Which pairs are compared: lists, files, and the look that decides."""
+"""Which pairs are compared: lists, files, and how."""
 
 import numpy as np
 import pytest
 
 from miniloop_cli.config import Matching
 from miniloop_cli.errors import InputError
-from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_progressively
+from miniloop_cli.features.sketch import sketch
+from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_quickly
 from miniloop_cli.graph.overlap import ScanPoints
 from miniloop_cli.parallel import Workers
 
@@ -30,21 +31,29 @@ def test_a_file_of_pairs_is_read_and_its_mistakes_are_named(tmp_path):
 
 
 def scans_of_one_place_and_another(rng, count=600):
-    """Two scans of one place (the second moved) and one of another place."""
+    """Two scans of one place (the second moved) and one of another place: descriptors (count, 64) uint8 and points."""
     here, there = rng.uniform((-1, -1, 2), (1, 1, 4), (2, count, 3))
-    looks = rng.normal(size=(2, count, 64)).astype(np.float32)
+    looks = rng.integers(1, 255, (2, count, 64), dtype=np.uint8)
     covariances = np.tile(1e-6 * np.eye(3), (count, 1, 1))
     points = [ScanPoints(p, covariances) for p in (here, here + np.array([0.2, 0, 0.1]), there)]
-    return [looks[0], looks[0] + np.float32(0.01), looks[1]], points
+    return [looks[0], looks[0] + np.uint8(1), looks[1]], points
 
 
-def test_the_look_keeps_overlaps_and_drops_the_rest():
+def test_overlaps_are_kept_and_the_rest_is_dropped():
     descriptors, points = scans_of_one_place_and_another(np.random.default_rng(0))
-    pairs = [(0, 1), (0, 2), (1, 2)]
-    settings = Matching(look_count=300, look_enough=15)
-    assert list(match_progressively(descriptors, points, pairs, settings, WORKERS)) == [(0, 1)]
-    assert len(match_progressively(descriptors, points, pairs, settings, WORKERS)[0, 1]) == 300
-    unsure = Matching(look_count=300, look_enough=10_000)
-    full = match_fully(descriptors, pairs, unsure, WORKERS)
-    assert np.array_equal(match_progressively(descriptors, points, pairs, unsure, WORKERS)[0, 1], full[0, 1])
+    pairs, settings = [(0, 1), (0, 2), (1, 2)], Matching()
+    quick = match_quickly(sketch(descriptors), points, pairs, settings, 0.64, WORKERS)
+    full = match_fully([found.astype(np.float32) for found in descriptors], pairs, settings, WORKERS)
+    assert list(quick) == list(full) == [(0, 1)]
+    assert np.array_equal(quick[0, 1], full[0, 1])
     assert len(full[0, 1]) == 600
+
+
+def test_matches_that_do_not_agree_in_their_distances_are_no_overlap():
+    descriptors, points = scans_of_one_place_and_another(np.random.default_rng(1), 30)
+    features = sketch([descriptors[0], descriptors[0] + np.uint8(1)])
+    pair = [(0, 1)]
+    assert len(match_quickly(features, points[:2], pair, Matching(), 0.64, WORKERS)[0, 1]) == 30
+    elsewhere = [points[0], points[2]]  # the same looks, other places
+    assert not match_quickly(features, elsewhere, pair, Matching(), 0.64, WORKERS)
+    assert len(match_quickly(features, elsewhere, pair, Matching(min_agreeing=0), 0.64, WORKERS)[0, 1]) == 30

@@ -1,0 +1,101 @@
+"""Work on a Dask cluster that is already there, through joblib's dask backend; see docs/cluster.md."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from miniloop_cli.artefacts import code_version
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.parallel import single_inner_threads
+
+Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
+
+ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
+BATCH = 32  # items of a task at most: what is done again where a worker dies
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A connected cluster; `client` is a distributed.Client."""
+
+    client: Any
+
+    def map(
+        self, function: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
+    ) -> Iterator[Result]:
+        """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
+
+        Dask gives the tasks of a worker that dies to the others. `function` must be importable there.
+        """
+        from joblib import Parallel, delayed, parallel_config
+
+        items = list(items)
+        if not items:
+            return
+        size = max(1, min(BATCH, len(items) // (4 * sum(self.client.ncores().values()) or 1)))
+        batches = [items[k : k + size] for k in range(0, len(items), size)]
+        package = [shared]  # a list is sent as it is, whatever it holds
+        with parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S):
+            parallel = Parallel(n_jobs=-1, batch_size=1, pre_dispatch="3*n_jobs", return_as="generator")
+            for results in parallel(delayed(_work)(function, package, batch) for batch in batches):
+                yield from results
+
+
+def _work(function: Callable[[Shared, Item], Result], package: list[Shared], batch: list[Item]) -> list[Result]:
+    with single_inner_threads():
+        return [function(package[0], item) for item in batch]
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Cluster]:
+    """The cluster whose scheduler listens at an address, e.g. tcp://scheduler:8786.
+
+    Raises MiniloopError if distributed is not installed, nobody answers, there is no worker, or one has another code.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MiniloopError(f"--cluster needs dask ({error}): pip install 'miniloop[cluster]'") from error
+    try:
+        asyncio.run(_greet(address))
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise MiniloopError(
+            f"--cluster {address}: no scheduler answers within {ANSWER_S} s ({why}); start one with `dask scheduler` "
+            "and give the address that it prints"
+        ) from error
+    with client:
+        _check_workers(client, address)
+        yield Cluster(client)
+
+
+async def _greet(address: str) -> None:
+    """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
+    from distributed.comm import connect
+
+    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
+    comm.abort()
+
+
+def _check_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=ANSWER_S)
+    except TimeoutError:
+        raise MiniloopError(f"--cluster {address}: no worker; start one with `dask worker {address}`") from None
+    found = client.run(_version_here, on_error="return")
+    for worker, version in sorted(found.items()):
+        if isinstance(version, Exception):
+            raise MiniloopError(f"--cluster {address}: worker {worker} cannot import miniloop ({version})")
+        if version != code_version():
+            raise MiniloopError(
+                f"--cluster {address}: worker {worker} has another version of miniloop; install the same"
+            )
+
+
+def _version_here() -> str:
+    return code_version()
