@@ -64,7 +64,8 @@ def average(
     if settings.rotations == "robust":
         first = without_doubtful(edges, count, settings)
         poses, judged = _settled(first, count, settings, witness)
-        back = [_against(e, poses, settings) if e is not f else g for e, f, g in zip(edges, first, judged, strict=True)]
+        now = _against(edges, poses, settings)
+        back = [n if e is not f else g for e, f, g, n in zip(edges, first, judged, now, strict=True)]
         if not _changed(judged, back):
             return poses, back
         edges = back
@@ -79,7 +80,7 @@ def _settled(
     for _ in range(5):
         edges = confirmed(edges, count, settings.min_alone)
         poses = _average_components(used(edges, count), count, settings)
-        judged = [_against(edge, poses, settings) for edge in edges]
+        judged = _against(edges, poses, settings)
         if witness and not _changed(edges, judged):
             judged = _looked_at(judged, poses, witness, settings.min_alike)
         if not _changed(edges, judged):
@@ -185,7 +186,8 @@ def residuals(edges: Sequence[Edge], T_world_cam: Floats) -> tuple[Floats, Float
 def _average_components(edges: Sequence[Edge], count: int, settings: Averaging) -> Poses:
     T, component = np.tile(np.eye(4), (count, 1, 1)), np.full(count, -1)
     for number, scans in enumerate(components(edges, count)):
-        inside = [e for e in edges if e.i in set(scans)]
+        members = set(scans)
+        inside = [e for e in edges if e.i in members]
         component[scans] = number
         T[scans] = _average_component(inside, scans, settings)
     return Poses(T, component)
@@ -229,11 +231,15 @@ def _translations_given_rotations(
     return t, np.trace(np.linalg.inv(H[:, 3:, 3:]), axis1=1, axis2=2) ** -1.0
 
 
-def _against(edge: Edge, poses: Poses, settings: Averaging) -> Edge:
-    """The edge, rejected if it contradicts the poses of its component."""
-    if edge.verdict == REJECTED or poses.component[edge.i] < 0 or poses.component[edge.i] != poses.component[edge.j]:
-        return edge
-    (angle,), (distance,) = residuals([edge], poses.T_world_cam)
-    if angle <= settings.max_residual_deg and distance <= settings.max_residual_m:
-        return edge
-    return rejected(edge, f"contradicts the others by {angle:.1f} deg, {100 * distance:.0f} cm")
+def _against(edges: Sequence[Edge], poses: Poses, settings: Averaging) -> list[Edge]:
+    """The edges, those rejected that contradict the poses of their component."""
+    component = poses.component
+
+    def judge(edge: Edge, angle: float, distance: float) -> Edge:
+        if edge.verdict == REJECTED or component[edge.i] < 0 or component[edge.i] != component[edge.j]:
+            return edge
+        if angle <= settings.max_residual_deg and distance <= settings.max_residual_m:
+            return edge
+        return rejected(edge, f"contradicts the others by {angle:.1f} deg, {100 * distance:.0f} cm")
+
+    return list(map(judge, edges, *residuals(edges, poses.T_world_cam)))

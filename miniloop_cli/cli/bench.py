@@ -13,6 +13,7 @@ BENCHES: dict[str, str] = {
     "edges": "miniloop_cli.cli.bench_edges:bench_edges",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",
     "outliers": "miniloop_cli.cli.bench_outliers:bench_outliers",
+    "recall": "miniloop_cli.cli.bench_recall:bench_recall",
     "solvers": "miniloop_cli.cli.bench_solvers:bench_solvers",
     "tables": "miniloop_cli.cli.bench_tables:bench_tables",
     "weakloops": "miniloop_cli.cli.bench_weakloops:bench_weakloops",

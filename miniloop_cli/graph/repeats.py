@@ -48,8 +48,8 @@ def step_m(features: ScanFeatures, points: ScanPoints, width_px: int, settings: 
     real = descriptors.astype(np.float32)
     norm2 = np.einsum("ij,ij->i", real, real)
     distance2 = (norm2[:, None] + norm2 - 2 * real @ real.T) / np.float32(scale)
-    px = features.px_ideal[:count].astype(np.float32)
-    near = np.abs(px[:, None] - px).max(axis=2) < APART * width_px
+    x, y = features.px_ideal[:count].T.astype(np.float32)
+    near = (np.abs(x[:, None] - x) < APART * width_px) & (np.abs(y[:, None] - y) < APART * width_px)
     distance2[near] = np.inf
     double = distance2.argmin(axis=1)
     rows = np.flatnonzero(distance2[np.arange(count), double] < DOUBLE)

@@ -1,0 +1,91 @@
+"""What the choice of candidates costs: verified edges lost, and CPU seconds, against comparing all pairs exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from miniloop_cli.artefacts import default_folder
+from miniloop_cli.bench.stages import SessionStore, StageClock
+from miniloop_cli.config import load_settings
+from miniloop_cli.evaluation.evaluate import Protocol, evaluate
+from miniloop_cli.files import atomic_write
+from miniloop_cli.graph.edges import VERIFIED, judge
+from miniloop_cli.parallel import Workers
+from miniloop_cli.pipeline import Registration, register
+from miniloop_cli.scans import open_sequence, read_ground_truth
+from miniloop_cli.scans.sequence import Trajectory
+
+Row = dict[str, Any]
+WAYS = {  # every name with the settings that make it
+    "exhaustive": ("matching.pairs=exhaustive",),
+    "auto": ("matching.pairs=auto",),
+    "retrieval": ("matching.pairs=auto", "matching.all_up_to=2"),
+}
+
+
+def recall_rows(
+    folders: Sequence[Path], max_frames: int, overrides: Sequence[str], seed: int, workers: Workers
+) -> Iterator[Row]:
+    """A row a recording and way of choosing candidates, the exhaustive one first.
+
+    `kept`: share of the edges that were verified after comparing all pairs exactly which are verified now, each by its
+    own inliers; `matching_share`: CPU seconds of matching over those of the exhaustive way.
+    """
+    _warm_up(folders[0], workers)
+    for folder in folders:
+        sequence = open_sequence(folder, max_frames=max_frames)
+        truth, store = read_ground_truth(sequence), SessionStore(default_folder())
+        stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+        first: tuple[set[tuple[int, int]], float] | None = None
+        for name, changes in WAYS.items():
+            clock = StageClock()
+            with clock.listening():
+                run = register(sequence, load_settings("default", (*overrides, *changes)), store, workers, seed)
+            found, matching = _verified(run), clock.seconds["matching"]
+            first = first or (found, matching.cpu)
+            registered = run.poses.registered
+            row = {"sequence": sequence.name, "frames": len(stamps), "candidates": name, "verified": len(found)}
+            row |= {"kept": round(len(found & first[0]) / max(len(first[0]), 1), 4), "edges": len(run.edges)}
+            row |= {"matching_s": round(matching.wall, 3), "matching_cpu_s": round(matching.cpu, 3)}
+            row |= {"matching_share": round(matching.cpu / max(first[1], 1e-9), 3), "registered": len(registered)}
+            ate = None
+            if truth is not None and len(registered) > 2:
+                poses = Trajectory(stamps[registered], run.poses.T_world_cam[registered])
+                ate = round(100 * evaluate(poses, truth, None, Protocol()).numbers["ate_rmse_m"], 4)
+            yield row | {"ate_cm": ate}
+
+
+def _verified(run: Registration) -> set[tuple[int, int]]:
+    judged = (judge(edge, run.settings.verification) for edge in run.edges)
+    return {(edge.i, edge.j) for edge in judged if edge.verdict == VERIFIED}
+
+
+def _warm_up(folder: Path, workers: Workers) -> None:
+    """Load or compile what is compiled, on a few frames."""
+    few = open_sequence(folder, max_frames=4)
+    for changes in WAYS.values():
+        register(few, load_settings("default", changes), SessionStore(default_folder()), Workers(workers.jobs), 0)
+
+
+def draw_recall(rows: Sequence[Row], path: Path) -> None:
+    """Share of verified edges kept over the share of the matching time, a colour a recording."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    for colour, sequence in enumerate(dict.fromkeys(row["sequence"] for row in rows)):
+        mine = [row for row in rows if row["sequence"] == sequence]
+        x, y = [row["matching_share"] for row in mine], [100 * row["kept"] for row in mine]
+        axes.plot(x, y, "o", color=f"C{colour}", label=sequence)
+        for row, *place in zip(mine, x, y, strict=True):
+            axes.annotate(row["candidates"], place, xytext=(5, 4), textcoords="offset points", fontsize="small")
+    axes.axhline(98, color="grey", linewidth=0.8, linestyle=":")
+    axes.axvline(1 / 3, color="grey", linewidth=0.8, linestyle=":")
+    axes.set(xlabel="CPU seconds of matching, exhaustive = 1", ylabel="verified edges kept [%]", xlim=(0, 1.15))
+    axes.legend(fontsize="small")
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=120)
