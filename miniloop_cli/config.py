@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from miniloop_cli.errors import ConfigError
 
+UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)  # what the safe loader ends with, by its input
 PRESETS = ("default", "paper", "fast", "accurate")
 
 
@@ -204,7 +205,7 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
         raise ConfigError(f"no settings '{config}': give one of {', '.join(PRESETS)} or a YAML file")
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except UNREADABLE as error:
         raise ConfigError(f"{path}: not readable YAML ({' '.join(str(error).split())})") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: settings are 'section: {{key: value}}', found {type(data).__name__}")
@@ -224,7 +225,7 @@ def _apply(data: dict[str, Any], override: str) -> None:
             raise ConfigError(f"--set {override}: '{section}' is a value, not a section")
     try:
         data[name] = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except UNREADABLE as error:
         raise ConfigError(f"--set {override}: the value is not readable YAML") from error
 
 

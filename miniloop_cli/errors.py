@@ -8,14 +8,25 @@ if TYPE_CHECKING:
     from miniloop_cli.pipeline import Registration
 
 
+def printable(text: str, most: int) -> str:
+    """Text on one line, whatever characters or undecodable bytes it holds, and not endless: the middle is left out."""
+    text = text if len(text) <= most else f"{text[: most // 2 - 2]}...{text[-(most // 2 - 2) :]}"
+    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+
+
 NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "can't start new thread")
 
 
 class MiniloopError(Exception):
     """Something the user can act on: what was wrong, where, and what to do, in one line.
 
-    The launcher prints the message and exits with status 1; no traceback unless `--debug`.
+    The launcher prints the message and exits with status 1; no traceback unless `--debug`. A message quotes what
+    others wrote, so it is made printable here, for every place that shows it.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message, 1500))
 
 
 class InputError(MiniloopError):

@@ -50,6 +50,7 @@ def _alive(pid: int) -> bool:
 def atomic_write(path: Path, mode: str = "w") -> Iterator[IO]:
     """Open a temporary neighbour of `path`; on success it replaces `path`, on any error it is removed.
 
+    Text is UTF-8; what cannot be encoded (file names of other encodings) is written as an escape.
     Raises MiniloopError if the folder cannot be written (no permission, disk full).
     """
     path = Path(path)
@@ -57,7 +58,8 @@ def atomic_write(path: Path, mode: str = "w") -> Iterator[IO]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(path.parent)
-        with temporary.open(mode, **({} if "b" in mode else {"encoding": "utf-8", "newline": "\n"})) as file:
+        text = {} if "b" in mode else {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
+        with temporary.open(mode, **text) as file:
             yield file
             file.flush()
         temporary.replace(path)

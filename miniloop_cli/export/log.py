@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from miniloop_cli.errors import printable
 from miniloop_cli.export.results import reason, versions
 from miniloop_cli.files import atomic_write
 from miniloop_cli.pipeline import Registration
@@ -18,7 +19,7 @@ from miniloop_cli.report.verdict import judge
 def write_log(run: Registration, folder: Path, problem: str = "") -> None:
     """Write log.txt into the folder that holds the other results of the run; `problem`: why it failed."""
     with atomic_write(folder / "log.txt") as file:
-        file.write("\n".join(log_lines(run, folder, problem)) + "\n")
+        file.write("".join(f"{printable(line, 2000)}\n" for line in log_lines(run, folder, problem)))
 
 
 def log_lines(run: Registration, folder: Path, problem: str = "") -> list[str]:

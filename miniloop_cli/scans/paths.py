@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from miniloop_cli.errors import InputError
+from miniloop_cli.errors import InputError, printable
 
 MAX_TABLE_BYTES = 64 << 20  # an hour of motion capture at 100 Hz is 25 MB
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -13,10 +13,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 def shown(path: Path | str) -> str:
     """A path for messages and reports: printable whatever bytes the name holds, and not endless."""
-    text = os.fspath(path)
-    text = text if len(text) <= 300 else f"{text[:140]}...{text[-140:]}"
-    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return printable(os.fspath(path), 300)
 
 
 def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES, first: int | None = None) -> bytes:

@@ -30,7 +30,13 @@ def command(*arguments):
 def run_process(*arguments, cwd, **variables):
     """The finished process of a command line."""
     return subprocess.run(
-        command(*arguments), capture_output=True, text=True, check=False, cwd=cwd, env=environment(**variables)
+        command(*arguments),
+        capture_output=True,
+        text=True,
+        errors="surrogateescape",
+        check=False,
+        cwd=cwd,
+        env=environment(**variables),
     )
 
 

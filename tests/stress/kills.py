@@ -48,7 +48,7 @@ class Command:
 
 @dataclass
 class Tally:
-    """What happened: kills by command and signal, runs that took up killed ones, runs to the end, losses."""
+    """What happened: kills by command and signal, resumes, runs to the end, losses, strange words."""
 
     kills: Counter = field(default_factory=Counter)
     resumes: int = 0
@@ -56,6 +56,7 @@ class Tally:
     unheeded: int = 0
     shares: list[float] = field(default_factory=list)
     losses: list[str] = field(default_factory=list)
+    odd_ends: list[str] = field(default_factory=list)
 
 
 def start(arguments: tuple, folder: Path) -> subprocess.Popen:
@@ -124,7 +125,7 @@ def disturbed(done: Command, name: str, folder: Path, rng: np.random.Generator, 
             tally.unheeded += killed
             break
         if not killed or not well_ended(process.returncode, number, stderr):
-            tally.losses.append(f"{where}: ended with status {process.returncode}: {stderr.strip()[-300:]}")
+            tally.odd_ends.append(f"{where}: ended with status {process.returncode}: {stderr.strip()[-300:]}")
         tally.kills[name, signal.Signals(number).name] += 1
         tally.shares.append(share)
         taking_up = True
@@ -142,7 +143,8 @@ def well_ended(status: int, number: int, stderr: str) -> bool:
     if number == signal.SIGKILL:
         return status == -number
     said = stderr.lstrip() == INTERRUPTED and status in (130, -signal.SIGINT)
-    return said or (status == -number and ", in main\n" not in stderr)
+    loading = stderr.rstrip().endswith("KeyboardInterrupt") and ", in main\n" not in stderr
+    return said or loading or (status == -number and not stderr)
 
 
 def state(done: Command, folder: Path, kept: dict[str, int]) -> Iterator[str]:
@@ -204,5 +206,6 @@ if __name__ == "__main__":
     print(f"\n{sum(tally.kills.values())} kills; by tenth of the run: {' '.join(map(str, counts))}")
     print(f"{tally.resumes} resumes, {tally.rounds} runs to the end, {len(tally.losses)} losses")
     print(f"{tally.unheeded} interrupts came too late to be heeded")
-    print(*tally.losses, sep="\n")
-    sys.exit(bool(tally.losses))
+    print(f"{len(tally.odd_ends)} ended with other words than they should")
+    print(*tally.losses, *tally.odd_ends, sep="\n")
+    sys.exit(bool(tally.losses or tally.odd_ends))
