@@ -10,8 +10,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from miniloop_cli.errors import ConfigError
+from miniloop_cli.plain_yaml import load_plain
 
-UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)  # what the safe loader ends with, by its input
 PRESETS = ("default", "paper", "fast", "accurate")
 
 
@@ -204,8 +204,8 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
     if not path.is_file():
         raise ConfigError(f"no settings '{config}': give one of {', '.join(PRESETS)} or a YAML file")
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except UNREADABLE as error:
+        data = load_plain(path.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: not readable YAML ({' '.join(str(error).split())})") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: settings are 'section: {{key: value}}', found {type(data).__name__}")
@@ -224,8 +224,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
         if not isinstance(data, dict):
             raise ConfigError(f"--set {override}: '{section}' is a value, not a section")
     try:
-        data[name] = yaml.safe_load(text)
-    except UNREADABLE as error:
+        data[name] = load_plain(text)
+    except yaml.YAMLError as error:
         raise ConfigError(f"--set {override}: the value is not readable YAML") from error
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.files import atomic_write
+from miniloop_cli.plain_yaml import load_plain
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.paths import read_bytes, shown
 
@@ -103,12 +104,12 @@ def load_camera(path: Path | str, source: str | None = None) -> Camera:
     path = Path(path)
     where = shown(path)
     try:
-        values = yaml.safe_load(read_bytes(path, MAX_CAMERA_BYTES).decode("utf-8-sig"))
+        values = load_plain(read_bytes(path, MAX_CAMERA_BYTES).decode("utf-8-sig"))
     except yaml.MarkedYAMLError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         raise InputError(f"{where}{line}: not a YAML file: {error.problem}") from None
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, KeyError, ArithmeticError, RecursionError) as error:
-        raise InputError(f"{where}: not a YAML file: {type(error).__name__}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}: not a YAML file: {error}") from None
     if not isinstance(values, dict):
         raise InputError(f"{where}: expected lines like 'fx: 525.0' ({', '.join(REQUIRED)})")
     return make_camera(values, where, source or f"camera file {where}")
