@@ -79,6 +79,9 @@ class Verification(Section):
     min_inliers: int = Field(10, ge=3, description="Inliers that a verified edge needs.")
     min_share: float = Field(0.2, ge=0, le=1, description="... and their share of the matches.")
     rescue_inliers: int = Field(6, ge=3, description="Enough for a frame that would hang on fewer than three edges.")
+    second_round: bool = Field(
+        True, description="Match pairs that failed again where averaged poses say that their scans overlap."
+    )
 
 
 class Cycles(Section):

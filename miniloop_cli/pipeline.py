@@ -29,6 +29,7 @@ from miniloop_cli.graph.priors import judged_by_priors
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.retrieval import STRONGEST, around
 from miniloop_cli.graph.rough import rough_pairs
+from miniloop_cli.graph.second_round import replaced, second_round
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers, single_inner_threads
 from miniloop_cli.poses import Poses, average
@@ -102,6 +103,10 @@ def register(
         steps = steps_m(features, points, sequence.camera.width, settings, workers)
         witness = Witness([scan.view for scan in scans], points, steps, sequence.camera)
         poses, edges = average(edges, count, settings.averaging, witness)
+        if settings.verification.second_round and len(poses.registered) > 1:
+            found = second_round(edges, poses, features, points, sequence.camera, settings, workers)
+            if found:
+                poses, edges = average(replaced(edges, found), count, settings.averaging, witness)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
             run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds, notes)

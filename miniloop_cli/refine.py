@@ -11,8 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from miniloop_cli.config import Settings
-from miniloop_cli.features.detect import compact
-from miniloop_cli.features.guided import guided_match
+from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import Edge
@@ -90,12 +89,12 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     T = adjust(poses.T_world_cam, first, scans.camera, rough, jobs).T_world_cam
 
     pairs = partners(T, poses.registered, scans.points, scans.camera, settings.bundle.partners)
-    matches = guided_matches(T, pairs, scans, settings, workers)
+    matches = _guided(T, pairs, scans, settings, workers)
     tracked = _measure(pairs, matches, scans, settings.bundle.min_frames)
     known = poses.component == 0
     if not tied(tracked, known):
         more = sorted({(e.i, e.j) for e in inside} - set(pairs))
-        tracked = _measure(pairs + more, matches + guided_matches(T, more, scans, settings, workers), scans, 2)
+        tracked = _measure(pairs + more, matches + _guided(T, more, scans, settings, workers), scans, 2)
         if not tied(tracked, known):
             return None
     fine = BundleSettings(depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-4)
@@ -117,22 +116,14 @@ def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:
     return len(np.unique(connected_components(shared, directed=False)[1][known])) == 1
 
 
-def guided_matches(
+def _guided(
     T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Settings, workers: Workers
 ) -> list[NDArray[np.int64]]:
     """Matches of each pair where its poses say they must be; features without depth take part."""
-    small = [compact(found.descriptors, settings.features.type) for found in scans.features]
-    bundle = settings.bundle
-
-    def one(pair: Pair) -> NDArray[np.int64]:
-        i, j = pair
-        T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
-        return guided_match(
-            scans.features[i], scans.features[j], small[i][0], small[j][0], T_j_i, scans.camera,
-            bundle.radius_px, bundle.max_distance2 * small[i][1],
-        )  # fmt: skip
-
-    return list(workers.map(one, pairs, "matching, guided", len(pairs)))
+    i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+    T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
+    radius_px = settings.bundle.radius_px
+    return guided_matches(pairs, T_j_i, scans.features, scans.camera, radius_px, settings, workers)
 
 
 def _measure(

@@ -65,6 +65,7 @@ VARIANTS: dict[str, Variant] = {
     "tight RANSAC (2 cm)": Variant("edges", ("ransac.threshold_m=0.02",)),
     "no local optimization": Variant("edges", ("ransac.local_optimization=false",)),
     "believed unseen": Variant("averaging", ("averaging.min_alike=0", "averaging.min_alone=0")),
+    "no second round": Variant("averaging", ("verification.second_round=false",)),
     "plain rotations": Variant("averaging", ("averaging.rotations=plain",)),
     "plain translations": Variant("averaging", ("averaging.translations=plain",)),
     "averaging only": Variant("refinement", ("refine=none",)),

@@ -6,16 +6,42 @@ found, features without a depth of their own can be matched, and the cost a pair
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.config import Settings
+from miniloop_cli.features.detect import compact
 from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.parallel import Workers
 from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 CELL_PX = 16.0
+
+
+def guided_matches(
+    pairs: Sequence[tuple[int, int]],
+    T_j_i: Floats,
+    features: Sequence[ScanFeatures],
+    camera: Camera,
+    radius_px: float,
+    settings: Settings,
+    workers: Workers,
+) -> list[Ints]:
+    """Matches of each pair (i, j) where its relative pose T_j_i (m, 4, 4) says they must be, as `guided_match`."""
+    named = {k for pair in pairs for k in pair}
+    small = {k: compact(features[k].descriptors, settings.features.type) for k in named}
+
+    def one(item: tuple[tuple[int, int], Floats]) -> Ints:
+        (i, j), T = item
+        max_distance2 = settings.bundle.max_distance2 * small[i][1]
+        return guided_match(features[i], features[j], small[i][0], small[j][0], T, camera, radius_px, max_distance2)
+
+    return list(workers.map(one, list(zip(pairs, T_j_i, strict=True)), "matching, guided", len(pairs)))
 
 
 def guided_match(

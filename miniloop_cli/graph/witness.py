@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,17 @@ class Witness:
     points: Sequence[ScanPoints]
     step_m: Sequence[float]
     camera: Camera
+    _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before
 
     def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> NDArray[np.int64]:
         """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
         found = np.zeros((len(pairs), 2), np.int64)
         for row, (i, j), T in zip(found, pairs, T_j_i, strict=True):
-            a, b = self.views[i], self.views[j]
-            if a is not None and b is not None:
-                row[:] = agreement(a, b, T, self.camera)
+            question = ((i, j), T.tobytes())
+            if question not in self._said:
+                a, b = self.views[i], self.views[j]
+                self._said[question] = (0, 0) if a is None or b is None else agreement(a, b, T, self.camera)
+            row[:] = self._said[question]
         return found
 
     def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
