@@ -7,6 +7,7 @@ found, features without a depth of their own can be matched, and the cost a pair
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -35,24 +36,45 @@ def guided_matches(
     """Matches of each pair (i, j) where its relative pose T_j_i (m, 4, 4) says they must be, as `guided_match`."""
     named = {k for pair in pairs for k in pair}
     small = {k: compact(features[k].descriptors, settings.features.type) for k in named}
+    ready = {k: searchable(features[k], small[k][0], camera) for k in named}
 
     def one(item: tuple[tuple[int, int], Floats]) -> Ints:
         (i, j), T = item
         max_distance2 = settings.bundle.max_distance2 * small[i][1]
-        return guided_match(features[i], features[j], small[i][0], small[j][0], T, camera, radius_px, max_distance2)
+        return guided_match(ready[i], ready[j], T, camera, radius_px, max_distance2)
 
     return list(workers.map(one, list(zip(pairs, T_j_i, strict=True)), "matching, guided", len(pairs)))
 
 
+@dataclass(frozen=True)
+class Searchable:
+    """Features of a scan with their compact descriptors (n, d), sorted by the cells of a grid over the image.
+
+    order (n,) features by cell; start (cells + 1,); features outside of the image lie in the border cells.
+    """
+
+    features: ScanFeatures
+    descriptors: NDArray[np.uint8]
+    order: Ints
+    start: Ints
+
+
+def searchable(features: ScanFeatures, descriptors: NDArray[np.uint8], camera: Camera) -> Searchable:
+    """Features made ready for guided matching."""
+    columns, rows = _columns(camera), int(camera.height // CELL_PX) + 1
+    x = np.clip(features.px_ideal[:, 0] // CELL_PX, 0, columns - 1).astype(np.int64)
+    y = np.clip(features.px_ideal[:, 1] // CELL_PX, 0, rows - 1).astype(np.int64)
+    cell = y * columns + x
+    order = np.argsort(cell, kind="stable")
+    return Searchable(features, descriptors, order, np.searchsorted(cell[order], np.arange(rows * columns + 1)))
+
+
+def _columns(camera: Camera) -> int:
+    return int(camera.width // CELL_PX) + 1
+
+
 def guided_match(
-    a: ScanFeatures,
-    b: ScanFeatures,
-    descriptors_a: NDArray[np.uint8],
-    descriptors_b: NDArray[np.uint8],
-    T_b_a: Floats,
-    camera: Camera,
-    radius_px: float,
-    max_distance2: float,
+    a: Searchable, b: Searchable, T_b_a: Floats, camera: Camera, radius_px: float, max_distance2: float
 ) -> Ints:
     """Matches (m, 2) of the features of scans a and b whose relative pose T_b_a (4, 4) is known.
 
@@ -61,42 +83,25 @@ def guided_match(
     `max_distance2` (squared distance of the compact descriptors). The same from b to a; a pair is kept if one
     direction found it and nothing contradicts it.
     """
-    T_a_b = np.linalg.inv(T_b_a)
-    forward = _direction(a, b, descriptors_a, descriptors_b, T_b_a, camera, radius_px, max_distance2)
-    backward = _direction(b, a, descriptors_b, descriptors_a, T_a_b, camera, radius_px, max_distance2)
+    forward = _direction(a, b, T_b_a, camera, radius_px, max_distance2)
+    backward = _direction(b, a, np.linalg.inv(T_b_a), camera, radius_px, max_distance2)
     return agreed(forward, backward)
 
 
 def _direction(
-    a: ScanFeatures,
-    b: ScanFeatures,
-    descriptors_a: NDArray[np.uint8],
-    descriptors_b: NDArray[np.uint8],
-    T_b_a: Floats,
-    camera: Camera,
-    radius_px: float,
-    max_distance2: float,
+    a: Searchable, b: Searchable, T_b_a: Floats, camera: Camera, radius_px: float, max_distance2: float
 ) -> Ints:
-    count = a.with_depth
-    p_b = camera.backproject(a.px_ideal[:count], a.z_m[:count]) @ T_b_a[:3, :3].T + T_b_a[:3, 3]
+    count = a.features.with_depth
+    p_a = camera.backproject(a.features.px_ideal[:count], a.features.z_m[:count])
+    p_b = p_a @ T_b_a[:3, :3].T + T_b_a[:3, 3]
     ahead = p_b[:, 2] > 0.05
     px = np.full((count, 2), -1e6)
     px[ahead] = camera.project(p_b[ahead])
     tolerance_m = 3 * 2 * camera.noise.sigma_m(p_b[:, 2]) + 0.05 * p_b[:, 2]
-    order, start, columns = _grid(b.px_ideal, camera)
     return search_windows(
-        px, p_b[:, 2], tolerance_m, descriptors_a, b.px_ideal, b.z_m, descriptors_b, order, start, columns,
-        radius_px, max_distance2,
+        px, p_b[:, 2], tolerance_m, a.descriptors, b.features.px_ideal, b.features.z_m, b.descriptors, b.order, b.start,
+        _columns(camera), radius_px, max_distance2,
     )  # fmt: skip
-
-
-def _grid(px: Floats, camera: Camera) -> tuple[Ints, Ints, int]:
-    """Features sorted by cell: order (n,), start (cells + 1,), columns. Features outside lie in the border cells."""
-    columns, rows = int(camera.width // CELL_PX) + 1, int(camera.height // CELL_PX) + 1
-    x = np.clip(px[:, 0] // CELL_PX, 0, columns - 1).astype(np.int64)
-    y = np.clip(px[:, 1] // CELL_PX, 0, rows - 1).astype(np.int64)
-    cell = y * columns + x
-    return np.argsort(cell, kind="stable"), np.searchsorted(np.sort(cell), np.arange(rows * columns + 1)), columns
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -144,10 +149,15 @@ def search_windows(
 
 
 def agreed(forward: Ints, backward: Ints) -> Ints:
-    """Pairs (m, 2) of the two directions' answers (n_a,), (n_b,) that no other answer contradicts, sorted."""
-    ab = np.stack([np.flatnonzero(forward >= 0), forward[forward >= 0]], axis=1)
-    ba = np.stack([backward[backward >= 0], np.flatnonzero(backward >= 0)], axis=1)
-    pairs = np.unique(np.concatenate([ab, ba]), axis=0)
-    once_a = np.bincount(pairs[:, 0], minlength=1)[pairs[:, 0]] == 1 if len(pairs) else np.zeros(0, bool)
-    once_b = np.bincount(pairs[:, 1], minlength=1)[pairs[:, 1]] == 1 if len(pairs) else np.zeros(0, bool)
-    return pairs[once_a & once_b]
+    """Pairs (m, 2) of the two directions' answers that no other answer contradicts, sorted.
+
+    An answer is the other scan's feature, or -1; forward (n,) and backward (m,) answer for the first features only.
+    """
+    a, b = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
+    answered = backward[b] < len(forward)
+    answered[answered] = forward[backward[b[answered]]] == b[answered]
+    b = b[~answered]
+    pairs = np.concatenate([np.stack([a, forward[a]], axis=1), np.stack([backward[b], b], axis=1)])
+    once = [np.bincount(side, minlength=1)[side] == 1 for side in pairs.T]
+    pairs = pairs[once[0] & once[1]]
+    return pairs[np.argsort(pairs[:, 0])]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from miniloop_cli.features.guided import agreed, guided_match
+from miniloop_cli.features.guided import agreed, guided_match, searchable
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.camera import Camera
@@ -28,7 +28,7 @@ def two_scans(rng, count=200, no_depth=0):
 
 def test_every_point_is_found_where_it_must_be_also_without_depth_in_one_scan():
     (a, b), descriptors, T_b_a = two_scans(np.random.default_rng(0), no_depth=50)
-    found = guided_match(a, b, descriptors, descriptors, T_b_a, CAMERA, 4.0, NEAR2)
+    found = guided_match(*(searchable(k, descriptors, CAMERA) for k in (a, b)), T_b_a, CAMERA, 4.0, NEAR2)
     assert np.array_equal(found, np.stack([np.arange(200)] * 2, axis=1))
 
 
@@ -36,10 +36,12 @@ def test_a_wrong_pose_finds_nothing_and_a_descriptor_too_far_neither():
     (a, b), descriptors, T_b_a = two_scans(np.random.default_rng(1))
     wrong = T_b_a.copy()
     wrong[0, 3] += 0.5
-    assert len(guided_match(a, b, descriptors, descriptors, wrong, CAMERA, 4.0, NEAR2)) < 5
-    assert len(guided_match(a, b, descriptors, ~descriptors, T_b_a, CAMERA, 4.0, NEAR2)) < 5
+    ready, other = searchable(a, descriptors, CAMERA), searchable(b, ~descriptors, CAMERA)
+    assert len(guided_match(ready, searchable(b, descriptors, CAMERA), wrong, CAMERA, 4.0, NEAR2)) < 5
+    assert len(guided_match(ready, other, T_b_a, CAMERA, 4.0, NEAR2)) < 5
 
 
 def test_directions_that_contradict_each_other_are_dropped():
     forward, backward = np.array([0, 1, -1, 2]), np.array([0, 2, 3, -1])
     assert agreed(forward, backward).tolist() == [[0, 0], [3, 2]]
+    assert agreed(np.array([0, -1]), np.array([0, 9, -1])).tolist() == [[0, 0], [9, 1]]
