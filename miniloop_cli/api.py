@@ -14,6 +14,7 @@ from miniloop_cli.errors import RegistrationError
 if TYPE_CHECKING:
     from miniloop_cli.config import Settings
     from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
+    from miniloop_cli.parallel import Workers
     from miniloop_cli.pipeline import Registration
 
 LOG = logging.getLogger("miniloop")
@@ -70,20 +71,20 @@ def register(
         except RegistrationError as error:
             if error.run is None:
                 raise
-            _write(error.run, target, str(error))
+            _write(error.run, target, workers, str(error))
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
-        _write(run, target)
+        _write(run, target, workers)
     return run
 
 
-def _write(run: Registration, target: Path, problem: str = "") -> None:
+def _write(run: Registration, target: Path, workers: Workers, problem: str = "") -> None:
     """All files of a run; the log before the report, which shows it."""
     from miniloop_cli.export.log import write_log
     from miniloop_cli.export.results import write_results
     from miniloop_cli.report import write_report
 
     LOG.info("writing %s", target)
-    write_results(run, target)
+    write_results(run, target, workers)
     write_log(run, target, problem)
     write_report(target, run.sequence)
 

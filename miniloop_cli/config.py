@@ -139,6 +139,7 @@ class Averaging(Section):
 class Bundle(Section):
     """The joint refinement by bundle adjustment over feature tracks."""
 
+    max_scans: int = Field(3000, ge=2, description="Of more scans only the pose graph is refined: time is bounded so.")
     partners: int = Field(15, ge=1, description="Scans that each scan is matched with again, guided by the poses.")
     radius_px: float = Field(8.0, gt=0, description="How far from its predicted place a feature is looked for (px).")
     max_distance2: float = Field(0.3, gt=0, description="Squared descriptor distance of a guided match, at most.")

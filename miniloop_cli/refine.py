@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from miniloop_cli.refinement.timing import Measurements, Timing
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.scans.camera import Camera
 
+LOG = logging.getLogger("miniloop")
 Floats = NDArray[np.float64]
 MIN_SHARED = 10  # tracks that tie two scans to each other
 COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
@@ -60,8 +62,17 @@ def refine(poses: Poses, edges: Sequence[Edge], scans: Scans, settings: Settings
     inside = [e for e in used(edges, len(nothing)) if poses.component[e.i] == 0 == poses.component[e.j]]
     if settings.refine == "none" or not inside:
         return Refined(poses, nothing)
-    bundled = _bundle(poses, inside, scans, settings, workers) if settings.refine == "bundle" else None
-    return bundled or _over_edges(poses, inside)
+    if settings.refine == "bundle":
+        if len(poses.registered) <= settings.bundle.max_scans:
+            bundled = _bundle(poses, inside, scans, settings, workers)
+            if bundled:
+                return bundled
+        else:
+            LOG.warning(
+                "more than %d scans (bundle.max_scans): the pose graph is refined, without bundle adjustment",
+                settings.bundle.max_scans,
+            )
+    return _over_edges(poses, inside)
 
 
 def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:

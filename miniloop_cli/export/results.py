@@ -8,6 +8,7 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from miniloop_cli.export.ply import write_ply
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
+from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.poses import residuals
 from miniloop_cli.scans import read_scan, write_trajectory
@@ -34,7 +36,7 @@ from miniloop_cli.scans.sequence import Trajectory
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
 
 
-def write_results(run: Registration, folder: Path) -> None:
+def write_results(run: Registration, folder: Path, workers: Workers) -> None:
     """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
 
     A run that registered nothing leaves everything but trajectory, graph and cloud.
@@ -51,7 +53,7 @@ def write_results(run: Registration, folder: Path) -> None:
     if len(registered):
         _write_graph(run, folder / "graph.g2o")
         begin = time.perf_counter()
-        write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run), run.settings.cloud.voxel_m))
+        write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m))
         run.timings_s["model"] = round(time.perf_counter() - begin, 3)
     with atomic_write(folder / "summary.json") as file:
         json.dump(summary(run), file, indent=1)
@@ -227,19 +229,24 @@ def _write_graph(run: Registration, path: Path) -> None:
     )
 
 
-def _world_points(run: Registration) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
-    """Coloured points of every registered scan, one scan at a time."""
+def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
+    """Coloured points of every registered scan, in order, a few scans ahead of the one that is taken."""
     camera, depth, stride = run.sequence.camera, run.settings.depth, run.settings.cloud.stride_px
-    ideal = None
-    for index in run.poses.registered:
+
+    @cache
+    def ideal(height: int, width: int) -> NDArray[np.float64]:
+        v, u = np.mgrid[0:height:stride, 0:width:stride]
+        return camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1))
+
+    def points(index: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
         try:
-            scan = read_scan(run.sequence, int(index))
+            scan = read_scan(run.sequence, index)
         except InputError:
-            continue
-        v, u = np.mgrid[0 : scan.depth_m.shape[0] : stride, 0 : scan.depth_m.shape[1] : stride]
-        if ideal is None or len(ideal) != u.size:
-            ideal = camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1))
+            return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
         z = scan.depth_m[::stride, ::stride].ravel()
         good = (z >= depth.min_m) & (z <= depth.max_m)
-        points = se3.transform(run.poses.T_world_cam[index], camera.backproject(ideal[good], z[good]))
-        yield points, scan.color[::stride, ::stride].reshape(-1, 3)[good]
+        p_cam = camera.backproject(ideal(*scan.depth_m.shape)[good], z[good])
+        return se3.transform(run.poses.T_world_cam[index], p_cam), scan.color[::stride, ::stride].reshape(-1, 3)[good]
+
+    scans = [int(index) for index in run.poses.registered]
+    return workers.map(points, scans, "building the model", len(scans))
