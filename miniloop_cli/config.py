@@ -114,8 +114,8 @@ class Gravity(Section):
 class Rough(Section):
     """With `--init`: how far rough relative poses may be off."""
 
-    max_deg: float = Field(20.0, gt=0, description="An edge that contradicts them by more is dropped (degrees).")
-    max_m: float = Field(0.5, gt=0, description="An edge that contradicts them by more is dropped (m).")
+    max_deg: float = Field(20.0, gt=0, description="An edge that contradicts rough poses by more is dropped (degrees).")
+    max_m: float = Field(0.5, gt=0, description="An edge that contradicts rough poses by more is dropped (m).")
     min_alone: int = Field(
         8, ge=3, description="In place of averaging.min_alone for edges that agree: inliers without a loop."
     )
