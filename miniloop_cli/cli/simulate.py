@@ -28,6 +28,7 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 @click.option("--blur", type=float, default=0.0, show_default=True, help="Exposure time, for motion blur (s).")
 @click.option("--rolling-shutter", type=float, default=0.0, show_default=True, help="First to last row (s).")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Frames a second.")
+@click.option("--path-share", type=float, default=1.0, show_default=True, help="Walk only so much of the path.")
 @click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
 @click.option("--accelerometer", is_flag=True, help="Also write accelerometer.txt (m/s^2, camera axes, noisy).")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
@@ -48,6 +49,7 @@ def simulate(
     blur: float,
     rolling_shutter: float,
     rate: float,
+    path_share: float,
     focal: float | None,
     accelerometer: bool,
     overwrite: bool,
@@ -82,6 +84,7 @@ def simulate(
         blur_s=blur,
         rolling_shutter_s=rolling_shutter,
         rate_hz=rate,
+        path_share=path_share,
         focal_px=focal,
         accelerometer=accelerometer,
     )

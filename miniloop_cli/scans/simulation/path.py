@@ -36,10 +36,12 @@ def waves(rng: Generator, amplitude: float, periods: float, count: int = 3) -> C
     return lambda s: np.sin(np.multiply.outer(s, frequency) + phase) @ size
 
 
-def make_path(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
-    """The path of a name in `settings.PATHS`; in `two-rooms` each room has its own half of the time."""
+def make_path(name: str, scene: str, duration_s: float, rng: Generator, share: float = 1.0) -> Path:
+    """The path of a name in `settings.PATHS`, or the first `share` of it; in `two-rooms` each room has its own half of
+    the time.
+    """
     if scene == "two-rooms":
-        halves = [_in_room(name, scene, duration_s / 2, generator) for generator in rng.spawn(2)]
+        halves = [_in_room(name, scene, duration_s / 2 / share, generator) for generator in rng.spawn(2)]
 
         def both(t: Array) -> Array:
             second = t >= duration_s / 2
@@ -48,7 +50,7 @@ def make_path(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
             return T
 
         return both
-    return _in_room(name, scene, duration_s, rng)
+    return _in_room(name, scene, duration_s / share, rng)
 
 
 def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:

@@ -35,6 +35,7 @@ class SimulationSettings:
     blur_s: float = 0.0  # exposure time: motion during it blurs the colour image
     rolling_shutter_s: float = 0.0  # time between the first and the last row of an image
     rate_hz: float = 10.0
+    path_share: float = 1.0  # only the first part of the path is walked, as slowly as that takes
     focal_px: float | None = None  # None: 525 px at a width of 640
     accelerometer: bool = False  # also write accelerometer.txt, at 100 Hz, with noise and bias
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
@@ -54,6 +55,7 @@ class SimulationSettings:
             ("blur_s", 0.0, 10.0),
             ("rolling_shutter_s", 0.0, 10.0),
             ("rate_hz", 0.1, 1000.0),
+            ("path_share", 1e-4, 1.0),
         ):
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")

@@ -83,7 +83,7 @@ def frame_times_s(settings: SimulationSettings) -> NDArray[np.float64]:
 
 
 def _path(settings: SimulationSettings, rng: Generator) -> Path:
-    return make_path(settings.path, settings.scene, settings.frames / settings.rate_hz, rng)
+    return make_path(settings.path, settings.scene, settings.frames / settings.rate_hz, rng, settings.path_share)
 
 
 def camera_rays(camera: Camera) -> NDArray[np.float64]:

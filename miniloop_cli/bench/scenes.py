@@ -1,0 +1,128 @@
+"""Scenes that defeat programs of this kind, each with the answer that is right for it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from miniloop_cli.artefacts import Store, default_folder
+from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
+from miniloop_cli.config import load_settings
+from miniloop_cli.errors import ConfigError, RegistrationError
+from miniloop_cli.evaluation.association import associate
+from miniloop_cli.export.results import reason
+from miniloop_cli.files import atomic_write
+from miniloop_cli.parallel import Workers
+from miniloop_cli.pipeline import Registration, register
+from miniloop_cli.scans import open_sequence, read_ground_truth
+from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A simulated recording (`changes` to the settings) and the right answer.
+
+    `expected` in words: at least `least` and at most `most` of the frames are registered, those that are within
+    `most_cm` of the truth (rmse); every other frame says why.
+    """
+
+    expected: str
+    changes: dict[str, Any] = field(default_factory=dict)
+    least: float = 1.0
+    most: float = 1.0
+    most_cm: float = 2.0
+
+
+SCENES: dict[str, Scene] = {
+    "room": Scene("all poses"),
+    "no texture": Scene("nothing registered", {"scene": "textureless"}, least=0, most=0),
+    "repeated texture": Scene("right poses or none", {"scene": "repeated"}, least=0),
+    "one plane": Scene("all poses", {"scene": "plane", "path": "xyz"}),
+    "pure rotation": Scene("nearly all poses", {"path": "rotation"}, least=0.9),
+    "no motion": Scene("all poses", {"path": "still"}, most_cm=0.5),
+    "moving person": Scene("most poses", {"path": "random-walk", "moving_object": True}, least=0.8, most_cm=3),
+    "no depth beyond 3 m": Scene("nearly all poses", {"depth_limit_m": 3.0}, least=0.9),
+    "over-exposed": Scene("right poses, as far as there are any", {"exposure": 3.0}, least=0, most_cm=5),
+    "rolling blur": Scene("most poses", {"blur_s": 0.03, "rolling_shutter_s": 0.03}, least=0.8, most_cm=5),
+    "one frame": Scene("nothing registered", {"frames": 1}, least=0, most=0),
+    "two frames": Scene("both poses", {"frames": 2, "path_share": 0.02}),
+    "three frames": Scene("all poses", {"frames": 3, "path_share": 0.05}),
+    "near-identical frames": Scene("all poses", {"frames": 200, "path_share": 0.02}),
+    "two rooms": Scene("one room; the other one named as a piece", {"scene": "two-rooms"}, least=0.4, most=0.5),
+}
+
+
+def scene_rows(
+    names: Iterable[str] = tuple(SCENES),
+    frames: int = 30,
+    width: int = 640,
+    seeds: Sequence[int] = (0,),
+    workers: Workers | None = None,
+) -> Iterator[Row]:
+    """One row a scene and seed. Scenes of few or many frames keep their number. Raises ConfigError for a name."""
+    names = list(names)
+    if unknown := [name for name in names if name not in SCENES]:
+        raise ConfigError(f"no scene '{unknown[0]}'; known are: {', '.join(SCENES)}")
+    for name in names:
+        for seed in seeds:
+            yield scene_row(name, SCENES[name], frames, width, seed, workers or Workers())
+
+
+def scene_row(name: str, scene: Scene, frames: int, width: int, seed: int, workers: Workers) -> Row:
+    """What miniloop makes of one scene, with default settings."""
+    size = {"frames": frames, "width": width, "height": width * 3 // 4}
+    with tempfile.TemporaryDirectory() as root:
+        folder = write_sequence(Path(root) / "scene", SimulationSettings(**(size | scene.changes)), seed)
+        sequence = open_sequence(folder)
+        truth = read_ground_truth(sequence)
+        problem = ""
+        try:
+            run: Registration | None = register(sequence, load_settings(), Store(default_folder()), workers, 0)
+        except RegistrationError as error:
+            run, problem = error.run, str(error)
+    T_true, _ = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
+    count = len(sequence.frames)
+    row = {"scene": name, "seed": seed, "expected": scene.expected, "frames": count}
+    posed = run.poses.registered if run is not None and not problem else np.zeros(0, int)
+    row |= {"registered": len(posed), "ate_cm": None, "rot_deg": None, "within_2_sigma": None}
+    if len(posed):
+        metres, degrees = aligned_errors(run.poses.T_world_cam[posed], T_true[posed])
+        row["ate_cm"], row["rot_deg"] = (float(np.sqrt((e**2).mean())) for e in (100 * metres, degrees))
+        row["within_2_sigma"] = within_2_sigma(
+            normalised_errors(run.poses.T_world_cam[posed], T_true[posed], run.covariance[posed])
+        )
+    lost = sorted(set(range(count)) - set(posed.tolist()))
+    silent = [k for k in lost if not problem and not reason(run, k)]
+    row["verdict"] = problem or _said(run, lost, count)
+    right = scene.least * count - 1e-9 <= len(posed) <= scene.most * count + 1e-9 and not silent
+    right &= row["ate_cm"] is None or row["ate_cm"] <= scene.most_cm
+    return {k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()} | {"as_expected": bool(right)}
+
+
+def _said(run: Registration, lost: Sequence[int], count: int) -> str:
+    """What the run says of itself: how many frames have a pose, and why the first of the others has none."""
+    said = f"{count - len(lost)} of {count} frames registered"
+    return said + (f"; frame {lost[0]}: {reason(run, lost[0])}" if lost else "")
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Share of frames registered and error of each scene; green as expected, red not."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 1 + 0.3 * len(rows)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    colors = ["tab:green" if row["as_expected"] else "tab:red" for row in rows]
+    left.barh(range(len(rows)), [100 * row["registered"] / row["frames"] for row in rows], color=colors)
+    right.barh(range(len(rows)), [row["ate_cm"] or 0 for row in rows], color=colors)
+    left.set_yticks(range(len(rows)), [f"{row['scene']}, seed {row['seed']}" for row in rows])
+    left.set(xlabel="frames registered [%]", xlim=(0, 100), ylim=(len(rows) - 0.5, -0.5))
+    right.set(xlabel="position error, rmse [cm]")
+    with atomic_write(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=120)
