@@ -9,6 +9,7 @@ from miniloop_cli.cli.main import CONTEXT, LazyGroup
 BENCHES: dict[str, str] = {
     "ablation": "miniloop_cli.cli.bench_ablation:bench_ablation",
     "averaging": "miniloop_cli.cli.bench_averaging:bench_averaging",
+    "calibration": "miniloop_cli.cli.bench_calibration:bench_calibration",
     "edges": "miniloop_cli.cli.bench_edges:bench_edges",
     "minisequences": "miniloop_cli.cli.bench_minisequences:bench_minisequences",
     "noise": "miniloop_cli.cli.bench_noise:bench_noise",

@@ -21,6 +21,7 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 @click.option("--scene", type=click.Choice(SCENES), default="room", show_default=True, help="What is recorded.")
 @click.option("--path", type=click.Choice(PATHS), default="loop", show_default=True, help="How the camera moves.")
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
+@click.option("--noise-level", type=float, default=1.0, show_default=True, help="Times the noise of a Kinect.")
 @click.option("--moving-object", is_flag=True, help="A figure walks before the camera.")
 @click.option("--masks", is_flag=True, help="Also write mask/ with the pixels of the figure.")
 @click.option("--depth-limit", type=float, default=5.0, show_default=True, help="No depth beyond (m).")
@@ -42,6 +43,7 @@ def simulate(
     scene: str,
     path: str,
     noise: bool,
+    noise_level: float,
     moving_object: bool,
     masks: bool,
     depth_limit: float,
@@ -77,6 +79,7 @@ def simulate(
         scene=scene,
         path=path,
         noise=noise,
+        noise_level=noise_level,
         moving_object=moving_object,
         masks=masks,
         depth_limit_m=depth_limit,

@@ -62,11 +62,13 @@ def store_depth(depth_m: NDArray[np.float32], depth_scale: float, limit_m: float
     return np.where(valid, np.round(depth_m * depth_scale), 0).clip(0, 65535).astype(np.uint16)
 
 
-def store_color(light: NDArray[np.float32], exposure: float, rng: Generator | None) -> NDArray[np.uint8]:
+def store_color(
+    light: NDArray[np.float32], exposure: float, rng: Generator | None, noise_level: float = 1.0
+) -> NDArray[np.uint8]:
     """(h, w, 3) float light to uint8 RGB: lens softness, gain, and noise where `rng` is given."""
     import cv2
 
     image = exposure * cv2.GaussianBlur(light, (0, 0), 0.5)
     if rng is not None:
-        image += COLOR_SIGMA * rng.standard_normal(image.shape, np.float32)
+        image += np.float32(noise_level * COLOR_SIGMA) * rng.standard_normal(image.shape, np.float32)
     return np.round(image.clip(0, 255)).astype(np.uint8)

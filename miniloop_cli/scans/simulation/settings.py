@@ -28,6 +28,7 @@ class SimulationSettings:
     scene: str = "room"
     path: str = "loop"
     noise: bool = True  # depth noise, disparity steps, holes, colour noise
+    noise_level: float = 1.0  # times the noise of a Kinect, in depth and in colour
     moving_object: bool = False  # a figure that walks before the camera, over about a third of the image
     masks: bool = False  # also write mask/: the pixels of the moving object
     depth_limit_m: float = 5.0  # no readings beyond
@@ -56,6 +57,7 @@ class SimulationSettings:
             ("rolling_shutter_s", 0.0, 10.0),
             ("rate_hz", 0.1, 1000.0),
             ("path_share", 1e-4, 1.0),
+            ("noise_level", 0.0, 20.0),
         ):
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.camera import Camera, DepthNoise
 from miniloop_cli.scans.sequence import Scan, Trajectory
 from miniloop_cli.scans.simulation import sensor
 from miniloop_cli.scans.simulation.path import Path, make_path
@@ -118,9 +118,10 @@ def _frame(
         exposure = settings.blur_s * (np.arange(BLUR_SAMPLES) / (BLUR_SAMPLES - 1) - 0.5)
         light = np.mean([image(t + s)[0] for s in exposure], axis=0)
     if settings.noise:
-        depth_m = sensor.measure_depth(depth_m, cosine, camera.noise, rng)
+        noise = DepthNoise(settings.noise_level * camera.noise.a_m, settings.noise_level * camera.noise.b_per_m)
+        depth_m = sensor.measure_depth(depth_m, cosine, noise, rng)
     depth = sensor.store_depth(depth_m, camera.depth_scale, settings.depth_limit_m)
-    color = sensor.store_color(light, settings.exposure, rng if settings.noise else None)
+    color = sensor.store_color(light, settings.exposure, rng if settings.noise else None, settings.noise_level)
     moving = hit == figure if figure is not None else None
     return SimulatedFrame(round(START_S + t, 6), T_world_cam, color, depth, moving)
 
