@@ -40,6 +40,8 @@ class Scene:
     most_cm: float = 2.0
 
 
+MOVING = {"moving_object": True, "path_share": 0.3}
+ROLLING = {"blur_s": 0.03, "rolling_shutter_s": 0.03}
 SCENES: dict[str, Scene] = {
     "room": Scene("all poses"),
     "no texture": Scene("nothing registered", {"scene": "textureless"}, least=0, most=0),
@@ -47,10 +49,12 @@ SCENES: dict[str, Scene] = {
     "one plane": Scene("all poses", {"scene": "plane", "path": "xyz"}),
     "pure rotation": Scene("nearly all poses", {"path": "rotation"}, least=0.9),
     "no motion": Scene("all poses", {"path": "still"}, most_cm=0.5),
-    "moving person": Scene("most poses", {"path": "random-walk", "moving_object": True}, least=0.8, most_cm=3),
+    "moving person": Scene("right poses or none", MOVING, least=0, most_cm=3),
+    "moving person, masked": Scene("most poses", MOVING | {"masks": True}, least=0.8, most_cm=3),
     "no depth beyond 3 m": Scene("nearly all poses", {"depth_limit_m": 3.0}, least=0.9),
     "over-exposed": Scene("right poses, as far as there are any", {"exposure": 3.0}, least=0, most_cm=5),
-    "rolling blur": Scene("most poses", {"blur_s": 0.03, "rolling_shutter_s": 0.03}, least=0.8, most_cm=5),
+    "rolling blur": Scene("most poses", ROLLING | {"rate_hz": 3.0}, least=0.8),
+    "rolling blur, fast": Scene("right poses, as far as there are any", ROLLING, least=0, most_cm=5),
     "one frame": Scene("nothing registered", {"frames": 1}, least=0, most=0),
     "two frames": Scene("both poses", {"frames": 2, "path_share": 0.02}),
     "three frames": Scene("all poses", {"frames": 3, "path_share": 0.05}),

@@ -44,14 +44,14 @@ def bench_scenes(
 
     rows = []
     if json_path != "-":
-        click.echo(f"{'scene':<22}{'registered':>11}{'error cm':>10}{'2 sigma':>9}  {'right':<6}what is said")
+        click.echo(f"{'scene':<31}{'registered':>11}{'error cm':>10}{'2 sigma':>9}  {'right':<6}what is said")
     for row in scene_rows(names or tuple(SCENES), frames, width, range(seed, seed + seeds), Workers(jobs, quiet)):
         rows.append(row)
         if json_path != "-":
             error, share = row["ate_cm"], row["within_2_sigma"]
             cells = f"{row['registered']:>5} of {row['frames']:<3}{'-' if error is None else format(error, '.2f'):>9}"
             cells += f"{'-' if share is None else format(share, '.0%'):>9}  {'yes' if row['as_expected'] else 'NO':<6}"
-            click.echo(f"{row['scene']:<22}{cells}{row['verdict']}")
+            click.echo(f"{row['scene']:<31}{cells}{row['verdict']}")
     output = output or Path("results/bench_scenes")
     options.write_rows(rows, output / "scenes.csv", json_path)
     draw(rows, output / "scenes.png")
