@@ -5,11 +5,8 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
-from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +14,10 @@ from numpy.typing import NDArray
 from miniloop_cli.artefacts import Store, fingerprint
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import RegistrationError
-from miniloop_cli.features.detect import BINARY, compact, comparable
+from miniloop_cli.features.detect import compact
 from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.features.lift import ScanFeatures
-from miniloop_cli.features.sketch import Sketched, sketch
-from miniloop_cli.graph.candidates import listed_pairs, match_fully, match_quickly, retrieved_pairs
+from miniloop_cli.graph.candidates import comparer, listed_pairs, retrieved_pairs
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
@@ -134,28 +130,13 @@ def _match(
 
     `likely`: the pairs that rough poses name, in place of all or of those retrieved.
     """
-    matching, kind = settings.matching, settings.features.type
-    strongest = [scan.descriptors[: min(scan.with_depth, matching.count)] for scan in features]
-
-    def compare(pairs: Many[Pair]) -> Matches:
-        if matching.pairs == "auto":
-            ratio2 = matching.ratio ** (1 if kind in BINARY else 2)  # of counts of bits, or of squared distances
-            return match_quickly(sketches(), points, pairs, matching, ratio2, workers)
-        return match_fully(exact(), pairs, matching, workers)
-
-    @cache
-    def exact() -> list[NDArray[Any]]:
-        return [comparable(found, kind) for found in strongest]
-
-    @cache
-    def sketches() -> list[Sketched]:
-        return sketch([compact(found, kind)[0] for found in strongest])
-
+    matching = settings.matching
+    compare = comparer(features, points, settings, workers)
     if matching.pairs == "auto" and likely is not None:
         return matches_by_chunk(likely, key, store, compare)
     if matching.pairs != "auto" or len(features) <= matching.all_up_to:
         return matches_by_chunk(listed_pairs(len(features), matching.pairs, matching), key, store, compare)
-    small = [compact(scan.descriptors[:STRONGEST], kind)[0] for scan in features]
+    small = [compact(scan.descriptors[:STRONGEST], settings.features.type)[0] for scan in features]
     pairs = retrieved_pairs(small, matching, np.random.default_rng(0))
     found = matches_by_chunk(pairs, key, store, compare)
     loops = [(i, j) for i, j in found if j - i > matching.neighbours]

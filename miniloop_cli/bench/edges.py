@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.bench.overlaps import Overlaps, read_overlaps, right
+from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Settings, load_settings
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3

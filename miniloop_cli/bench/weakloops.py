@@ -17,7 +17,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.bench.overlaps import Overlaps, read_overlaps, right
+from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Ransac, load_settings
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.config import Matching
+from miniloop_cli.config import Matching, Settings
 from miniloop_cli.errors import InputError
+from miniloop_cli.features.detect import BINARY, compact, comparable
+from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.features.match import match
-from miniloop_cli.features.sketch import Sketched, match_sketched
+from miniloop_cli.features.sketch import Sketched, match_sketched, sketch
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent
 from miniloop_cli.graph.retrieval import image_vectors, similar_pairs
 from miniloop_cli.parallel import Workers
@@ -56,6 +59,33 @@ def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Gen
     """Frames that are near in time or look alike: the candidates of long recordings."""
     alike = similar_pairs(image_vectors(compact, rng), settings.similar)
     return sorted({*neighbours(len(compact), settings.neighbours), *alike})
+
+
+def comparer(
+    features: Sequence[ScanFeatures], points: Sequence[ScanPoints], settings: Settings, workers: Workers
+) -> Callable[[Sequence[Pair]], Matches]:
+    """How pairs are compared by the settings: by sketches with `matching.pairs: auto`, else exactly.
+
+    Descriptors are made ready when the first pairs come.
+    """
+    matching, kind = settings.matching, settings.features.type
+    strongest = [scan.descriptors[: min(scan.with_depth, matching.count)] for scan in features]
+
+    @cache
+    def sketches() -> list[Sketched]:
+        return sketch([compact(found, kind)[0] for found in strongest])
+
+    @cache
+    def exact() -> Descriptors:
+        return [comparable(found, kind) for found in strongest]
+
+    def compare(pairs: Sequence[Pair]) -> Matches:
+        if matching.pairs == "auto":
+            ratio2 = matching.ratio ** (1 if kind in BINARY else 2)  # of counts of bits, or of squared distances
+            return match_quickly(sketches(), points, pairs, matching, ratio2, workers)
+        return match_fully(exact(), pairs, matching, workers)
+
+    return compare
 
 
 def match_quickly(

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import simulate
-from miniloop_cli.bench.overlaps import read_overlaps, right
+from miniloop_cli.bench.known_overlaps import read_overlaps, right
 from miniloop_cli.bench.weakloops import FEW, LENGTHS, MANY, STRONG, draw_loops, random_cycle, solve_loop
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.config import load_settings

@@ -1,0 +1,70 @@
+"""A recording as the graph sees it, with its true poses: what experiments on edges begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, default_folder
+from miniloop_cli.config import Settings
+from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.association import associate
+from miniloop_cli.features.extract import ExtractedScan, extract
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.candidates import comparer, listed_pairs
+from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, scan_points
+from miniloop_cli.parallel import Workers
+from miniloop_cli.scans import open_sequence, read_ground_truth
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but a mistake
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Scans, their points, matches of their pairs; true poses T_world_cam (n, 4, 4) and where they are `known` (n,)."""
+
+    name: str
+    camera: Camera
+    scans: Sequence[ExtractedScan]
+    points: Sequence[ScanPoints]
+    matches: Matches
+    T_world_cam: Floats
+    known: NDArray[np.bool_]
+
+    def errors(self, pairs: Sequence[Pair], T_j_i: Floats) -> tuple[Floats, Floats]:
+        """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
+        i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+        E = se3.inverse(self.T_world_cam[i]) @ self.T_world_cam[j] @ np.reshape(T_j_i, (-1, 4, 4))
+        return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+
+    def true_matches(self, pair: Pair, rows: NDArray[np.int64]) -> int:
+        """How many of the matches (m, 2) the true relative pose brings within RIGHT_M of each other."""
+        edge = edge_matches(self.points, pair, rows)
+        T_j_i = se3.inverse(self.T_world_cam[pair[1]]) @ self.T_world_cam[pair[0]]
+        return int((np.linalg.norm(se3.transform(T_j_i, edge.p) - edge.q, axis=1) < RIGHT_M).sum())
+
+
+def right(deg: Floats, metres: Floats) -> NDArray[np.bool_]:
+    """Which errors (m,) are those of an estimate, not of a mistake."""
+    return (deg < RIGHT_DEG) & (metres < RIGHT_M)
+
+
+def read_overlaps(folder: Path, settings: Settings, max_frames: int | None, workers: Workers) -> Overlaps:
+    """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
+    sequence, matching = open_sequence(folder, max_frames=max_frames), settings.matching
+    truth = read_ground_truth(sequence)
+    if truth is None:
+        raise InputError(f"{folder} comes without ground truth: there is nothing to tell right edges by")
+    scans = list(extract(sequence, settings, Store(default_folder()), workers))
+    features = [scan.features for scan in scans]
+    points = [scan_points(found, sequence.camera) for found in features]
+    pairs = listed_pairs(len(scans), "auto", matching)
+    matches = comparer(features, points, settings, workers)(pairs)
+    T_world_cam, known = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
+    return Overlaps(sequence.name, sequence.camera, scans, points, matches, T_world_cam, known)
