@@ -78,10 +78,12 @@ def test_settings_on_the_command_line_win(recording, tmp_path):
     assert config["refine"] == "posegraph"
 
 
-def test_same_bytes_with_two_jobs(registered, recording, tmp_path):
-    done = run_process(
-        "register", recording, "-o", tmp_path / "out", "-j", 2, cwd=tmp_path, MINILOOP_CACHE=tmp_path / "cache"
-    )
+@pytest.mark.parametrize(("jobs", "inner"), [(2, 1), (4, 3)])
+def test_same_bytes_with_any_number_of_threads(registered, recording, tmp_path, jobs, inner):
+    """Jobs, and threads of the matrix libraries; `registered` has one job and a thread a core inside."""
+    arguments = ("register", recording, "-o", tmp_path / "out", "-j", jobs)
+    variables = {"MINILOOP_CACHE": tmp_path / "cache", "OPENBLAS_NUM_THREADS": inner, "OMP_NUM_THREADS": inner}
+    done = run_process(*arguments, cwd=tmp_path, **variables)
     assert done.returncode == 0, done.stderr
     assert differing(registered.folder, tmp_path / "out") == []
 

@@ -162,8 +162,8 @@ def state(done: Command, folder: Path, kept: dict[str, int]) -> Iterator[str]:
         yield f"artefact {path} is gone"
 
 
-def commands(folder: Path) -> dict[str, Command]:
-    """The four commands on one small recording, each run once undisturbed."""
+def commands(folder: Path, names: tuple[str, ...]) -> dict[str, Command]:
+    """The named commands on one small recording, each run once undisturbed; mesh and export need register's result."""
     rng, recording, result = np.random.default_rng(0), folder / "room", folder / "register" / "out"
     process = start(("simulate", recording, *RECORDING), folder)
     process.communicate()
@@ -174,6 +174,7 @@ def commands(folder: Path) -> dict[str, Command]:
         "export": Command(lambda out, _: ("export", result, "--to", "colmap", "-o", out)),
         "simulate": Command(lambda out, _: ("simulate", out / "room", *RECORDING, "--overwrite")),
     }
+    found = {name: one for name, one in found.items() if name in names}
     for name, one in found.items():
         (folder / name).mkdir()
         undisturbed(one, folder / name, rng)
@@ -185,7 +186,7 @@ def commands(folder: Path) -> dict[str, Command]:
 
 def campaign(folder: Path, kills: int, seed: int, names: tuple[str, ...] = tuple(WEIGHTS)) -> Tally:
     """At least `kills` kills, spread over the named commands by their weights."""
-    rng, tally, known = np.random.default_rng(seed), Tally(), commands(folder)
+    rng, tally, known = np.random.default_rng(seed), Tally(), commands(folder, names)
     wanted = {name: kills * WEIGHTS[name] / sum(WEIGHTS[n] for n in names) for name in names}
     while open_ := [n for n in names if sum(c for (of, _), c in tally.kills.items() if of == n) < wanted[n]]:
         round_folder = folder / "round"

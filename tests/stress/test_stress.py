@@ -1,0 +1,31 @@
+"""Short versions of the scripts beside this file, which say what they do and take as many kills and inputs as given."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+import fuzz
+import kills
+
+linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+
+
+@linux
+def test_four_kills_lose_nothing(tmp_path):
+    tally = kills.campaign(tmp_path, 4, seed=1, names=("register",))
+    assert sum(tally.kills.values()) >= 4
+    assert tally.resumes >= 1
+    assert tally.rounds >= 1
+    assert tally.losses == []
+    assert tally.odd_ends == []
+
+
+@linux
+def test_hundreds_of_damaged_files(tmp_path, monkeypatch):
+    monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
+    targets, failures = fuzz.campaign(tmp_path, 600, seed=1)
+    assert failures == []
+    assert sum(sum(target.ends.values()) for target in targets.values()) == 600
+    assert all(target.ends for target in targets.values())
