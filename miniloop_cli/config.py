@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Set
 from pathlib import Path
 from typing import Any, Literal
 
@@ -215,7 +216,7 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
         raise ConfigError(f"{path}: settings are 'section: {{key: value}}', found {type(data).__name__}")
     for override in overrides:
         _apply(data, override)
-    return _validate(data, f"{path} with --set" if overrides else str(path))
+    return _validate(data, str(path), {override.partition("=")[0].strip() for override in overrides})
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
@@ -233,14 +234,17 @@ def _apply(data: dict[str, Any], override: str) -> None:
         raise ConfigError(f"--set {override}: the value is not readable YAML") from error
 
 
-def _validate(data: dict[str, Any], source: str) -> Settings:
+def _validate(data: dict[str, Any], source: str, overridden: Set[str] = frozenset()) -> Settings:
     try:
         return Settings.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
+        source = "--set" if key in overridden else source
         if first["type"] == "extra_forbidden":
             near = difflib.get_close_matches(key, list(keys()) + list(Settings.model_fields), n=1)
             hint = f"; did you mean '{near[0]}'?" if near else "; see 'miniloop config show'"
             raise ConfigError(f"{source}: unknown setting '{key}'{hint}") from None
-        raise ConfigError(f"{source}: setting '{key}': {first['msg']} (given: {first['input']!r})") from None
+        raise ConfigError(
+            f"{source}: setting '{key}': {first['msg'].replace('Input should', 'must')} (given: {first['input']!r})"
+        ) from None

@@ -40,8 +40,22 @@ def _only_errors(ctx: click.Context, param: click.Parameter, quiet: bool) -> boo
     return quiet
 
 
+def _check_jobs(ctx: click.Context, param: click.Parameter, jobs: int) -> int:
+    if jobs == 0:
+        raise click.BadParameter("0 jobs do nothing; give their number, or -1 for one a core")
+    return jobs
+
+
 seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all randomness.")
-jobs = click.option("-j", "--jobs", type=int, default=-1, show_default=True, help="Parallel jobs; -1: all cores.")
+jobs = click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(min=-1),
+    default=-1,
+    show_default=True,
+    callback=_check_jobs,
+    help="Parallel jobs; -1: all cores.",
+)
 quiet = click.option(
     "-q", "--quiet", is_flag=True, callback=_only_errors, help="No progress and no notes; errors and results only."
 )
