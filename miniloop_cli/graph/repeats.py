@@ -22,7 +22,7 @@ from miniloop_cli.ransac.estimate import estimate
 COUNT = 500  # strongest features that are looked at
 APART = 0.04  # of the width of the image: doubles, not one feature found twice
 DOUBLE = 0.12  # squared descriptor distance (see `compact`) of doubles: nearer than most true matches
-MIN_DOUBLES = 0.4  # share of the features that have one
+MIN_DOUBLES = 0.33  # share of the features that have one; the fit below tells patterns from lookalikes
 MIN_FIT, MIN_INLIERS = 0.06, 12  # of them under one motion, as a share of the features and in number
 
 
