@@ -93,6 +93,9 @@ class Cycles(Section):
         "support",
         description="dfs: the paper's depth-first search; support: weak edges get strong partners, few are left over.",
     )
+    rescue: bool = Field(
+        True, description="Try edges that were not verified again, in loops over edges that were; agreeing loops vouch."
+    )
 
 
 class Gravity(Section):

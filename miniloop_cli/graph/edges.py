@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from miniloop_cli.config import Settings, Verification
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.cycles import Cycle, decompose
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent, edge_matches, overlap_graph
+from miniloop_cli.graph.rescue import Prediction, agree, pose_graph, predict
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import EdgeEstimate, EdgeMatches, estimate
 from miniloop_cli.ransac.search import SOLVERS
@@ -52,11 +53,19 @@ class Edge:
 
 def judge(edge: Edge, settings: Verification) -> Edge:
     """The edge with its verdict, from its inliers alone."""
-    count, share = edge.inlier_count, edge.inlier_count / max(len(edge.matches), 1)
-    if count >= settings.min_inliers and share >= settings.min_share:
+    inliers, share = edge.inlier_count, edge.inlier_count / max(len(edge.matches), 1)
+    if inliers >= settings.min_inliers and share >= settings.min_share:
         return replace(edge, verdict=VERIFIED, reason="")
-    reason = f"{count} inliers of {len(edge.matches)} matches"
-    return replace(edge, verdict=WEAK if count >= settings.rescue_inliers else REJECTED, reason=reason)
+    reason = f"{inliers} inliers of {len(edge.matches)} matches"
+    return replace(edge, verdict=WEAK if inliers >= settings.rescue_inliers else REJECTED, reason=reason)
+
+
+def vouched(edge: Edge, loops: Prediction, settings: Verification) -> Edge:
+    """The edge, a weak one verified if loops over verified edges agree with each other and with its pose."""
+    share = edge.inlier_count / max(len(edge.matches), 1)
+    if edge.verdict != WEAK or share < settings.min_share or not loops.credible or not agree(loops.T_j_i, edge.T_j_i):
+        return edge
+    return replace(edge, verdict=VERIFIED, reason=f"{edge.reason}; {loops.agree + 1} loops over verified edges agree")
 
 
 def solve_edges(
@@ -65,33 +74,50 @@ def solve_edges(
     """Every edge of the overlap graph, judged, sorted by (i, j).
 
     The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
-    not verified there are decomposed again into shorter cycles, in the end into pairs. Each cycle draws from its own
-    generator, seeded by its scans: the result does not depend on the order of work.
+    not verified there are tried again in a loop over two verified edges; those without loops that agree are decomposed
+    again into shorter cycles, and in the end solved alone. Each cycle draws from its own generator, seeded by its scans:
+    the result does not depend on the order of work.
     """
     solved: dict[Pair, Edge] = {}
     hopeless = _hopeless(matches, points, settings, workers)
     reason = f"no {settings.verification.rescue_inliers} matches agree in their distances"
     for pair in hopeless:
         solved[pair] = replace(_unsolved(pair, matches, 2), reason=reason)
-    open_edges, numbered = {pair: rows for pair, rows in matches.items() if pair not in hopeless}, 0
+    numbers = count()
+
+    def solve(cycles: Sequence[Cycle], what: str) -> Iterator[list[Edge]]:
+        work = [(next(numbers), cycle) for cycle in cycles]
+        return workers.spread(_solve_cycle, (matches, points, settings, seed), work, what, len(work))
+
+    def keep(edge: Edge) -> None:
+        before = solved.get((edge.i, edge.j))
+        if before is None or edge.verdict == VERIFIED or edge.inlier_count > before.inlier_count:
+            solved[edge.i, edge.j] = edge
+
+    left = [pair for pair in matches if pair not in hopeless]
     for longest in range(settings.cycles.longest, 1, -1):
-        graph = overlap_graph(len(points), open_edges)
+        graph = overlap_graph(len(points), {pair: matches[pair] for pair in left})
         cycles = decompose(graph, longest, settings.cycles.decomposition)
-        work = [(number, cycle) for number, cycle in enumerate(cycles, numbered)]
-        numbered += len(cycles)
-        description = f"solving {longest}-cycles" if longest > 2 else "solving pairs"
-        for edges in workers.spread(_solve_cycle, (matches, points, settings, seed), work, description, len(work)):
+        for edges in solve(cycles, f"solving {longest}-cycles" if longest > 2 else "solving pairs"):
             for edge in edges:
-                better = (edge.i, edge.j) not in solved or edge.inlier_count > solved[edge.i, edge.j].inlier_count
-                if better:
-                    solved[edge.i, edge.j] = edge
-        tried_alone = {cycle for cycle in cycles if len(cycle) == 2}
-        open_edges = {
-            pair: rows
-            for pair, rows in open_edges.items()
-            if solved[pair].verdict != VERIFIED and pair not in tried_alone
-        }
+                keep(edge)
+        done = {cycle for cycle in cycles if len(cycle) == 2}
+        left = [pair for pair in left if solved[pair].verdict != VERIFIED]
+        if settings.cycles.rescue and longest == settings.cycles.longest > 2:
+            loops = _verified_loops(left, solved)
+            closed = solve([found.cycle for found in loops.values()], "closing loops")
+            for (pair, found), edges in zip(loops.items(), closed, strict=True):
+                keep(next(vouched(edge, found, settings.verification) for edge in edges if (edge.i, edge.j) == pair))
+            # What loops over verified edges do not confirm, shorter cycles and pairs would only find by chance.
+            done |= {pair for pair, found in loops.items() if found.credible}
+        left = [pair for pair in left if solved[pair].verdict != VERIFIED and pair not in done]
     return [solved[pair] for pair in sorted(solved)]
+
+
+def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[Pair, Prediction]:
+    """Of the pairs that have one, the loop over two verified edges through which they are tried again."""
+    graph = pose_graph((e.i, e.j, e.T_j_i, e.inlier_count) for e in solved.values() if e.verdict == VERIFIED)
+    return {pair: found for pair in pairs if (found := predict(graph, pair))}
 
 
 def _hopeless(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> set[Pair]:
