@@ -75,8 +75,8 @@ def solve_edges(
 
     The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
     not verified there are tried again in a loop over two verified edges; those without loops that agree are decomposed
-    again into shorter cycles, and in the end solved alone. Each cycle draws from its own generator, seeded by its scans:
-    the result does not depend on the order of work.
+    again into shorter cycles, and in the end solved alone. Each cycle draws from its own generator, seeded by its
+    scans: the result does not depend on the order of work.
     """
     solved: dict[Pair, Edge] = {}
     hopeless = _hopeless(matches, points, settings, workers)
