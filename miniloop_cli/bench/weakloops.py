@@ -31,6 +31,7 @@ from miniloop_cli.ransac.search import SOLVERS
 Row = dict[str, Any]
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
 FEW, MANY = BINS[0][0], BINS[-1][1]
+DRAWN = 10  # edges that a point of the picture stands for, at least
 STRONG = 40  # matches from which an edge can be a strong partner
 LEAST_TRUE = 5  # matches that the truth brings together; with fewer, no estimator can be expected to find it
 LENGTHS = (3, 4, 5, 6, 7)
@@ -176,12 +177,12 @@ def draw_weak_loops(rows: Sequence[Row], path: Path) -> None:
     for line, sequence in zip(panels, sequences, strict=False):
         for axes, (kind, partners) in zip(line, cases, strict=True):
             here = [r for r in rows if (r["sequence"], r["weak"], r["partners"]) == (sequence, kind, partners)]
+            counts = {row["matches"]: row["edges"] for row in here}
             for k, solver in enumerate(dict.fromkeys(row["solver"] for row in rows)):
                 mine = {row["matches"]: 100 * row["right_share"] for row in here if row["solver"] == solver}
-                x = [place for place, name in enumerate(bins) if name in mine]
+                x = [place for place, name in enumerate(bins) if counts.get(name, 0) >= DRAWN]
                 style = {"color": "black", "linewidth": 2} if solver == "pairwise" else {"color": f"C{k - 1}"}
                 axes.plot(x, [mine[bins[place]] for place in x], "o-", markersize=4, label=solver, **style)
-            counts = {row["matches"]: row["edges"] for row in here}
             axes.set_xticks(range(len(bins)), [f"{name}\n({counts.get(name, 0)})" for name in bins])
             axes.set_title(f"{sequence}\n{kind} edges, {partners} partners", fontsize=9)
             axes.grid(alpha=0.3)
