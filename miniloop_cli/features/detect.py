@@ -65,6 +65,8 @@ def compact(descriptors: NDArray[Any], kind: str) -> tuple[NDArray[np.uint8], fl
         return bits, 2 * bits.shape[1] / 3
     if kind == "surf":
         return np.clip(np.rint(127 * descriptors) + 128, 0, 255).astype(np.uint8), 127.0**2
+    if kind == "sift":
+        return descriptors, 512.0**2  # OpenCV's norm
     return np.rint(255 * comparable(descriptors, "rootsift")).astype(np.uint8), 255.0**2
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from miniloop_cli.features.detect import comparable, detect
+from miniloop_cli.features.detect import compact, comparable, detect
 from miniloop_cli.features.match import match
 
 KINDS = ("rootsift", "sift", "surf", "orb", "akaze", "brisk")
@@ -54,3 +54,14 @@ def test_rootsift_has_unit_length(picture):
     root = comparable(detect(picture, "rootsift", 100).descriptors, "rootsift")
     assert root.dtype == np.float32
     assert np.allclose(np.linalg.norm(root, axis=1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "norm"), [("rootsift", 1.0), ("sift", 512.0), ("surf", 1.0)])
+def test_compact_descriptors_keep_the_distances_of_their_kind(picture, kind, norm):
+    found = detect(picture, kind, 60).descriptors
+    real, (small, scale) = comparable(found, kind) / norm, compact(found, kind)
+    exact = ((real[:, None] - real) ** 2).sum(axis=2)
+    kept = ((small[:, None].astype(float) - small) ** 2).sum(axis=2) / scale
+    assert small.dtype == np.uint8
+    assert np.abs(kept - exact).max() < 0.05
+    assert np.ptp(exact) > 0.5
