@@ -75,14 +75,15 @@ def solve_edges(
 
     The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
     not verified there are tried again in a loop over two verified edges; those without loops that agree are decomposed
-    again into shorter cycles, and in the end solved alone. Each cycle draws from its own generator, seeded by its
-    scans: the result does not depend on the order of work.
+    again into shorter cycles, and in the end solved alone. Edges whose distances leave no room for enough inliers would
+    only spoil the cycles of others: they wait for loops over verified edges. Each cycle draws from its own generator,
+    seeded by its scans: the result does not depend on the order of work.
     """
     solved: dict[Pair, Edge] = {}
-    hopeless = _hopeless(matches, points, settings, workers)
-    reason = f"no {settings.verification.rescue_inliers} matches agree in their distances"
-    for pair in hopeless:
-        solved[pair] = replace(_unsolved(pair, matches, 2), reason=reason)
+    room = _room(matches, points, settings, workers)
+    least = settings.verification.rescue_inliers
+    for pair in (pair for pair in matches if room[pair] < least):
+        solved[pair] = replace(_unsolved(pair, matches, 2), reason=f"no {least} matches agree in their distances")
     numbers = count()
 
     def solve(cycles: Sequence[Cycle], what: str) -> Iterator[list[Edge]]:
@@ -94,24 +95,30 @@ def solve_edges(
         if before is None or edge.verdict == VERIFIED or edge.inlier_count > before.inlier_count:
             solved[edge.i, edge.j] = edge
 
-    left = [pair for pair in matches if pair not in hopeless]
+    possible = [pair for pair in matches if room[pair] >= least]
+    left = [pair for pair in possible if room[pair] >= settings.verification.min_inliers]
+    waiting = [pair for pair in possible if room[pair] < settings.verification.min_inliers]
     for longest in range(settings.cycles.longest, 1, -1):
-        graph = overlap_graph(len(points), {pair: matches[pair] for pair in left})
+        taking_part = left + waiting if longest == 2 else left
+        graph = overlap_graph(len(points), {pair: matches[pair] for pair in taking_part})
         cycles = decompose(graph, longest, settings.cycles.decomposition)
         for edges in solve(cycles, f"solving {longest}-cycles" if longest > 2 else "solving pairs"):
             for edge in edges:
                 keep(edge)
-        done = {cycle for cycle in cycles if len(cycle) == 2}
-        left = [pair for pair in left if solved[pair].verdict != VERIFIED]
+        done = {cycle for cycle in cycles if len(cycle) == 2} | _verified(solved)
         if settings.cycles.rescue and longest == settings.cycles.longest > 2:
-            loops = _verified_loops(left, solved)
+            loops = _verified_loops([pair for pair in left + waiting if pair not in done], solved)
             closed = solve([found.cycle for found in loops.values()], "closing loops")
             for (pair, found), edges in zip(loops.items(), closed, strict=True):
                 keep(next(vouched(edge, found, settings.verification) for edge in edges if (edge.i, edge.j) == pair))
             # What loops over verified edges do not confirm, shorter cycles and pairs would only find by chance.
-            done |= {pair for pair, found in loops.items() if found.credible}
-        left = [pair for pair in left if solved[pair].verdict != VERIFIED and pair not in done]
+            done |= _verified(solved) | {pair for pair, found in loops.items() if found.credible}
+        left, waiting = ([pair for pair in pairs if pair not in done] for pairs in (left, waiting))
     return [solved[pair] for pair in sorted(solved)]
+
+
+def _verified(solved: Mapping[Pair, Edge]) -> set[Pair]:
+    return {pair for pair, edge in solved.items() if edge.verdict == VERIFIED}
 
 
 def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[Pair, Prediction]:
@@ -120,18 +127,27 @@ def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[
     return {pair: found for pair in pairs if (found := predict(graph, pair))}
 
 
-def _hopeless(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> set[Pair]:
-    """Pairs whose matches hold no `rescue_inliers` that agree in their distances: most pairs that do not overlap."""
+def _room(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> dict[Pair, float]:
+    """How many inliers each pair can have at all: bounds by sets of matches that agree in their distances.
+
+    One of 0 (no `rescue_inliers`, as most pairs that do not overlap), `rescue_inliers`, and infinity (`min_inliers` or
+    more).
+    """
     if settings.ransac.score == "count":
-        return set()
-    least = settings.verification.rescue_inliers - 1
+        return dict.fromkeys(matches, np.inf)
+    few, enough = settings.verification.rescue_inliers, settings.verification.min_inliers
 
-    def hopeless(pair: Pair) -> bool:
+    def room(pair: Pair) -> float:
         rows = matches[pair]
-        return len(rows) <= MANY and not consistent(points, pair, rows, settings.ransac.threshold_m, least).any()
+        if len(rows) > MANY:
+            return np.inf
+        threshold_m = settings.ransac.threshold_m
+        for least, bound in ((enough, np.inf), (few, few)):
+            if consistent(points, pair, rows, threshold_m, least - 1).any():
+                return bound
+        return 0
 
-    found = workers.map(hopeless, list(matches), "checking distances", len(matches))
-    return {pair for pair, verdict in zip(matches, found, strict=True) if verdict}
+    return dict(zip(matches, workers.map(room, list(matches), "checking distances", len(matches)), strict=True))
 
 
 def _solve_cycle(
