@@ -52,7 +52,7 @@ class Matching(Section):
         6, ge=0, description="auto: a pair with fewer matches that all agree in their distances is left out."
     )
     all_up_to: int = Field(
-        400, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
+        200, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
     )
     similar: int = Field(40, ge=1, description="auto, beyond all_up_to: scans that look most alike, per scan.")
     neighbours: int = Field(10, ge=1, description="sequential, and beyond all_up_to: frames after each frame.")
