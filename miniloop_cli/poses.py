@@ -94,10 +94,14 @@ def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
     """The edges, those rejected that have fewer than `least` inliers, lie on no loop of used edges, and are not
     confirmed by anything else.
     """
-    loose = set(map(frozenset, nx.bridges(nx.Graph((edge.i, edge.j) for edge in used(edges, count)))))
+    inside = used(edges, count)
+    few = {frozenset((edge.i, edge.j)) for edge in inside if edge.inlier_count < least and not edge.confirmed}
+    if not few:
+        return list(edges)
+    loose = few & set(map(frozenset, nx.bridges(nx.Graph((edge.i, edge.j) for edge in inside))))
 
     def judge(edge: Edge) -> Edge:
-        if edge.inlier_count >= least or edge.confirmed or frozenset((edge.i, edge.j)) not in loose:
+        if frozenset((edge.i, edge.j)) not in loose:
             return edge
         return rejected(edge, f"{edge.inlier_count} inliers, and no loop confirms it")
 

@@ -172,14 +172,17 @@ def _write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> 
     from scipy.spatial.transform import Rotation
 
     angles, distances = residuals(run.edges, run.poses.T_world_cam)
+    T = np.array([edge.T_j_i for edge in run.edges]).reshape(-1, 4, 4)
+    poses = np.hstack([T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)])
+    variance = np.array([np.diag(edge.covariance) for edge in run.edges]).reshape(-1, 2, 3)
+    sigmas = np.sqrt(np.maximum(variance, 0).sum(axis=2))
 
     def rows() -> Iterator[Sequence[Any]]:
-        for edge, angle, distance in zip(run.edges, angles, distances, strict=True):
+        numbers = angles.tolist(), distances.tolist(), sigmas.tolist(), poses.tolist()
+        for edge, angle, distance, sigma, pose in zip(run.edges, *numbers, strict=True):
             component = run.poses.component[edge.i]
             judged = component >= 0 and component == run.poses.component[edge.j]
             solved = edge.information.any()
-            sigma = np.sqrt(np.maximum(np.diag(edge.covariance), 0))
-            pose = [*edge.T_j_i[:3, 3], *Rotation.from_matrix(edge.T_j_i[:3, :3]).as_quat(canonical=True)]
             yield (
                 edge.i,
                 edge.j,
@@ -193,8 +196,8 @@ def _write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> 
                 edge.reason,
                 f"{angle:.4f}" if judged and solved else "",
                 f"{distance:.5f}" if judged and solved else "",
-                f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if solved else "",
-                f"{np.linalg.norm(sigma[3:]):.5f}" if solved else "",
+                f"{np.degrees(sigma[0]):.4f}" if solved else "",
+                f"{sigma[1]:.5f}" if solved else "",
                 edge.hypotheses,
                 *(f"{value:.9f}" if solved else "" for value in pose),
             )

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Settings
 from miniloop_cli.features.detect import compact
 from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.geometry import se3
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 CELL_PX = 16.0
+NEAR_M = 0.05  # a point nearer than this (or behind) has no useful projection
 
 
 def guided_matches(
@@ -50,11 +52,13 @@ def guided_matches(
 class Searchable:
     """Features of a scan with their compact descriptors (n, d), sorted by the cells of a grid over the image.
 
-    order (n,) features by cell; start (cells + 1,); features outside of the image lie in the border cells.
+    p_cam (with_depth, 3) points of the features with depth; order (n,) features by cell; start (cells + 1,); features
+    outside of the image lie in the border cells.
     """
 
     features: ScanFeatures
     descriptors: NDArray[np.uint8]
+    p_cam: Floats
     order: Ints
     start: Ints
 
@@ -66,7 +70,8 @@ def searchable(features: ScanFeatures, descriptors: NDArray[np.uint8], camera: C
     y = np.clip(features.px_ideal[:, 1] // CELL_PX, 0, rows - 1).astype(np.int64)
     cell = y * columns + x
     order = np.argsort(cell, kind="stable")
-    return Searchable(features, descriptors, order, np.searchsorted(cell[order], np.arange(rows * columns + 1)))
+    p_cam = camera.backproject(features.px_ideal[: features.with_depth], features.z_m[: features.with_depth])
+    return Searchable(features, descriptors, p_cam, order, np.searchsorted(cell[order], np.arange(rows * columns + 1)))
 
 
 def _columns(camera: Camera) -> int:
@@ -84,31 +89,29 @@ def guided_match(
     direction found it and nothing contradicts it.
     """
     forward = _direction(a, b, T_b_a, camera, radius_px, max_distance2)
-    backward = _direction(b, a, np.linalg.inv(T_b_a), camera, radius_px, max_distance2)
+    backward = _direction(b, a, se3.inverse(T_b_a), camera, radius_px, max_distance2)
     return agreed(forward, backward)
 
 
 def _direction(
     a: Searchable, b: Searchable, T_b_a: Floats, camera: Camera, radius_px: float, max_distance2: float
 ) -> Ints:
-    count = a.features.with_depth
-    p_a = camera.backproject(a.features.px_ideal[:count], a.features.z_m[:count])
-    p_b = p_a @ T_b_a[:3, :3].T + T_b_a[:3, 3]
-    ahead = p_b[:, 2] > 0.05
-    px = np.full((count, 2), -1e6)
-    px[ahead] = camera.project(p_b[ahead])
-    tolerance_m = 3 * 2 * camera.noise.sigma_m(p_b[:, 2]) + 0.05 * p_b[:, 2]
+    lens, noise = (
+        (camera.fx, camera.fy, camera.cx, camera.cy),
+        (camera.noise.a_m, camera.noise.b_per_m, camera.noise.z0_m),
+    )
     return search_windows(
-        px, p_b[:, 2], tolerance_m, a.descriptors, b.features.px_ideal, b.features.z_m, b.descriptors, b.order, b.start,
-        _columns(camera), radius_px, max_distance2,
+        a.p_cam, T_b_a, lens, noise, a.descriptors, b.features.px_ideal, b.features.z_m, b.descriptors, b.order,
+        b.start, _columns(camera), radius_px, max_distance2,
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True)
 def search_windows(
-    px: Floats,
-    z_m: Floats,
-    tolerance_m: Floats,
+    p_a: Floats,
+    T_b_a: Floats,
+    lens: tuple[float, float, float, float],
+    noise: tuple[float, float, float],
     descriptors_a: NDArray[np.uint8],
     px_b: Floats,
     z_b: Floats,
@@ -119,24 +122,34 @@ def search_windows(
     radius_px: float,
     max_distance2: float,
 ) -> Ints:
-    """Best feature of b (n,) for each predicted pixel (n, 2) and depth (n,) of a's features; -1 where there is none."""
+    """Best feature of b (n,) for each of a's points (n, 3), -1 where there is none.
+
+    lens: fx fy cx cy; noise of a depth reading: a_m, b_per_m, z0_m (see DepthNoise).
+    """
     rows = (start.shape[0] - 1) // columns
-    found = np.full(px.shape[0], -1)
-    for k in range(px.shape[0]):
-        u, v = px[k, 0], px[k, 1]
+    found = np.full(p_a.shape[0], -1)
+    T = T_b_a
+    for k in range(p_a.shape[0]):
+        x, y, z = p_a[k, 0], p_a[k, 1], p_a[k, 2]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth <= NEAR_M:
+            continue
+        u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
+        v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
+        if not (-radius_px <= u <= columns * CELL_PX + radius_px and -radius_px <= v <= rows * CELL_PX + radius_px):
+            continue
         left, right = int(np.floor((u - radius_px) / CELL_PX)), int(np.floor((u + radius_px) / CELL_PX))
         top, bottom = int(np.floor((v - radius_px) / CELL_PX)), int(np.floor((v + radius_px) / CELL_PX))
-        if right < 0 or bottom < 0 or left >= columns or top >= rows:
-            continue
+        tolerance_m = 6 * (noise[0] + noise[1] * (depth - noise[2]) ** 2) + 0.05 * depth
         best, which = max_distance2, -1
         for row in range(max(top, 0), min(bottom, rows - 1) + 1):
-            first = start[row * columns + max(left, 0)]
-            last = start[row * columns + min(right, columns - 1) + 1]
+            first = start[row * columns + min(max(left, 0), columns - 1)]
+            last = start[row * columns + max(min(right, columns - 1), 0) + 1]
             for at in range(first, last):
                 b = order[at]
                 if (px_b[b, 0] - u) ** 2 + (px_b[b, 1] - v) ** 2 > radius_px * radius_px:
                     continue
-                if abs(z_b[b] - z_m[k]) > tolerance_m[k]:
+                if abs(z_b[b] - depth) > tolerance_m:
                     continue
                 distance = np.int32(0)
                 for d in range(descriptors_a.shape[1]):

@@ -72,12 +72,14 @@ def bundle_adjust(
     settings: BundleSettings | None = None,
     edges: Edges | None = None,
     jobs: int = 1,
+    points_world: Array | None = None,
 ) -> BundleResult:
     """Refine poses (n, 4, 4) and the points of tracks.
 
     frame, track (k,) ints; px_ideal (k, 2) undistorted pixels; z_m (k,) depth in metres, NaN where none was measured.
     `edges` (see make_edges): relative poses that count beside the tracks, for frames that share few of them.
-    `jobs` threads change the time, not one bit of the result.
+    `jobs` threads change the time, not one bit of the result. `points_world` (tracks, 3): where points begin, as an
+    earlier adjustment left them; NaN, or no such row, where that is to be found from the measurements.
     The fixed frame keeps its pose, as do frames without observations and the first frame of a group that nothing ties
     to the fixed one. A track seen once, or whose rays leave its depth open, does not take part; its point is NaN.
     Raises ValueError for shapes that do not fit, numbers that are not finite, or a frame twice in a track.
@@ -93,6 +95,9 @@ def bundle_adjust(
         raise ValueError("a track sees the same frame twice")
     n_tracks = int(track.max(initial=-1)) + 1
     X, good = initial_points(R, t, frame[order], track[order], n_tracks, px[order], z[order], camera)
+    if points_world is not None:
+        known = np.flatnonzero(np.isfinite(points_world[:n_tracks]).all(axis=1))
+        X[known], good[known] = points_world[known] - origin, True
     order = order[good[track[order]]]
     obs, model = _kernel_inputs(frame[order], track[order], n_tracks, px[order], z[order], camera, settings)
     if edges is None:

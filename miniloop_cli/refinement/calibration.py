@@ -45,11 +45,14 @@ class MovingCamera:
 
 def adjust(
     T: Floats, measured: Measurements, camera: Camera, settings: BundleSettings, jobs: int,
-    px: Floats | None = None, z_m: Floats | None = None,
+    px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
 ) -> BundleResult:  # fmt: skip
-    """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,)."""
+    """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,).
+
+    It begins at `points` (p, 3), where these are known already.
+    """
     px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
-    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs)
+    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs, points_world=points)
 
 
 def adjust_moving(
@@ -80,12 +83,13 @@ def _undone(
 ) -> BundleResult:  # fmt: skip
     motion = moving.path_twists(T)
     px, z_m = corrected(measured, moving.flow(measured, T, motion), timing)
+    points = None
     for _ in range(FELT_STEPS if feel else 0):
-        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m)
-        T, path = result.T_world_cam, moving.path_twists(result.T_world_cam)
+        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
+        T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
         motion = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
-        px, z_m = corrected(measured, moving.flow(measured, T, motion, result.points_world), timing)
-    return adjust(T, measured, moving.camera, fine, jobs, px, z_m)
+        px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing)
+    return adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
 
 
 def calibrate(
@@ -108,7 +112,7 @@ def calibrate(
     result, cost = plain, plain.descent.cost_after
     for _ in range(MOST_STEPS):
         px, z_m = corrected(part, _path_flow(moving, part, result), Timing(*times))
-        result = adjust(result.T_world_cam, part, moving.camera, rough, jobs, px, z_m)
+        result = adjust(result.T_world_cam, part, moving.camera, rough, jobs, px, z_m, result.points_world)
         cost = result.descent.cost_after
         sigma_z = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
         gradient, curvature = slopes(

@@ -36,8 +36,9 @@ def read_table(root: Path, name: str) -> list[tuple[float, Path]]:
     Raises InputError naming file and line for a malformed row or one that points outside `root`.
     """
     rows: dict[float, Path] = {}
+    path = shown(root / name)
     for number, line in read_lines(root / name):
-        where = f"{shown(root / name)}:{number}"
+        where = f"{path}:{number}"
         parts = line.split(maxsplit=1)
         if len(parts) != 2:
             raise InputError(f"{where}: expected 'timestamp filename', found '{shown(line[:40])}'")

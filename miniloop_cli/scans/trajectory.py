@@ -35,8 +35,9 @@ def read_trajectory(path: Path | str) -> Trajectory:
     """
     path = Path(path)
     rows: dict[float, tuple[float, ...]] = {}
+    name = shown(path)
     for number, line in read_lines(path):
-        where = f"{shown(path)}:{number}"
+        where = f"{name}:{number}"
         parts = line.replace(",", " ").split()
         if len(parts) < 8:
             raise InputError(f"{where}: expected 'timestamp tx ty tz qx qy qz qw', found {len(parts)} values")
@@ -53,7 +54,7 @@ def read_trajectory(path: Path | str) -> Trajectory:
             raise InputError(f"{where}: the quaternion is zero; remove the row")
         rows.setdefault(stamp, values)
     if not rows:
-        raise InputError(f"{shown(path)} has no poses; expected lines 'timestamp tx ty tz qx qy qz qw'")
+        raise InputError(f"{name} has no poses; expected lines 'timestamp tx ty tz qx qy qz qw'")
     return from_rows(rows)
 
 

@@ -30,6 +30,22 @@ def test_exact_observations_recover_the_truth(kernel):
     assert np.isnan(found.points_world[np.setdiff1d(np.arange(len(found.points_world)), seen)]).all()
 
 
+def test_points_of_an_earlier_adjustment_shorten_the_next():
+    rng = rng_of(5)
+    S = scene(rng, sigma_px=1, depth_sigmas=2, no_depth=0.2, outliers=0.05, offset=100.0)
+    first = bundle_adjust(perturbed(S.T, rng, 0.3, 0.01), *S.observations, CAMERA, FIXED)
+    fresh = bundle_adjust(first.T_world_cam, *S.observations, CAMERA, FIXED)
+    known = first.points_world.copy()
+    known[::7] = np.nan  # are found from the measurements
+    warm = bundle_adjust(first.T_world_cam, *S.observations, CAMERA, FIXED, points_world=known)
+    same = bundle_adjust(first.T_world_cam, *S.observations, CAMERA, FIXED, points_world=first.points_world)
+    assert same.descent.iterations < fresh.descent.iterations
+    assert same.descent.cost_before == pytest.approx(first.descent.cost_after, rel=1e-9)
+    for found in (warm, same):
+        np.testing.assert_allclose(found.T_world_cam, fresh.T_world_cam, atol=2e-4)
+        assert np.array_equal(found.used, fresh.used)
+
+
 @pytest.mark.parametrize("kernel", ["none", "cauchy", "geman-mcclure"])
 def test_same_minimum_as_scipy(kernel):
     rng = rng_of(1)
