@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -48,12 +49,26 @@ class RegistrationError(MiniloopError):
         self.run = run
 
 
+def causes(error: BaseException) -> Iterator[BaseException]:
+    """The error, what caused it, what caused that, and so on."""
+    found: BaseException | None = error
+    while found is not None:
+        yield found
+        found = found.__cause__ or found.__context__
+
+
+def interrupted(error: BaseException) -> bool:
+    """Whether an error is what a library made of an interrupt: compiled code and imports raise errors of their own."""
+    return any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
+
+
 def out_of_memory(error: BaseException) -> bool:
     """Whether an error, or what caused it, says that memory ran out: every library has its own words for it."""
+    return any(map(_says_out_of_memory, causes(error)))
+
+
+def _says_out_of_memory(error: BaseException) -> bool:
     text = str(error)
     if type(error).__module__ == "cv2":
-        found = getattr(error, "code", 0) == -4 or "Insufficient memory" in text
-    else:
-        found = isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY)
-    cause = error.__cause__ or error.__context__
-    return found or (cause is not None and out_of_memory(cause))
+        return getattr(error, "code", 0) == -4 or "Insufficient memory" in text
+    return isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY)

@@ -8,14 +8,15 @@ from __future__ import annotations
 import difflib
 import importlib
 import os
-import signal
 import sys
 from contextlib import suppress
+from typing import NoReturn
 
 import click
 
 from miniloop_cli import __version__
-from miniloop_cli.errors import MiniloopError, out_of_memory
+from miniloop_cli.cli.interrupts import heed_interrupts
+from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
 
 PROGRAM = "miniloop"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -80,7 +81,7 @@ def main(args: list[str] | None = None) -> None:
     """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args or bool(os.environ.get("MINILOOP_DEBUG"))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped container tidies up, too
+    heed_interrupts()
     try:
         # --debug is taken wherever it stands: people add it to the end of the command that failed.
         cli.main(args=[arg for arg in args if arg != "--debug"], prog_name=PROGRAM, standalone_mode=False)
@@ -89,9 +90,10 @@ def main(args: list[str] | None = None) -> None:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("miniloop: interrupted; finished work is kept, the same command continues", err=True)
-        sys.exit(130)
+        _end_interrupted()
     except Exception as error:
+        if interrupted(error):
+            _end_interrupted()
         if debug or not (isinstance(error, (MiniloopError, OSError)) or out_of_memory(error)):
             raise
         if not isinstance(error, BrokenPipeError):  # there, whoever read the output has gone and wants no more
@@ -99,6 +101,11 @@ def main(args: list[str] | None = None) -> None:
         with suppress(OSError):  # what could not be printed is not tried again when the interpreter ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _end_interrupted() -> NoReturn:
+    click.echo("miniloop: interrupted; finished work is kept, the same command continues", err=True)
+    sys.exit(130)
 
 
 def _one_line(error: Exception) -> str:

@@ -44,8 +44,6 @@ def import_open3d() -> ModuleType:
     except ModuleNotFoundError as error:
         raise MiniloopError(f"meshes need open3d ({error}): pip install open3d") from error
     except (ImportError, OSError) as error:
-        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
-            raise KeyboardInterrupt from error
         raise MiniloopError(
             f"open3d cannot be loaded ({error}); on Debian and Ubuntu: apt-get install {SYSTEM_PACKAGES}"
         ) from error

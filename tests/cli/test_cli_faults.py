@@ -2,9 +2,7 @@
 
 import os
 import shutil
-import signal
 import subprocess
-import time
 from pathlib import Path
 
 import numpy as np
@@ -147,23 +145,6 @@ def test_a_helper_that_dies_is_not_missed(registered, recording, tmp_path):
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment(), check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert differing(tmp_path / "out", registered.folder) == []
-
-
-def test_interrupted_while_threads_are_at_work(recording, tmp_path):
-    """The interpreter used to stop them in the middle of compiled code, which aborted the process (status 134)."""
-    line = command("register", recording, "-o", tmp_path / "out", "-q", "-j", 4)
-    for _ in range(2):
-        cache = tmp_path / "cache"
-        shutil.rmtree(cache, ignore_errors=True)
-        process = subprocess.Popen(
-            line, cwd=tmp_path, env=environment(MINILOOP_CACHE=cache), stderr=subprocess.PIPE, text=True
-        )
-        while process.poll() is None and not list(cache.glob("features/*")):
-            time.sleep(0.002)
-        process.send_signal(signal.SIGTERM)
-        _, stderr = process.communicate(timeout=60)
-        assert process.returncode == 130
-        assert stderr.strip() == "miniloop: interrupted; finished work is kept, the same command continues"
 
 
 def damages():

@@ -1,0 +1,70 @@
+"""Ctrl-C and SIGTERM end in one line and status 130, wherever they arrive."""
+
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+from command_line import command, environment, launch
+
+from miniloop_cli.errors import MiniloopError
+
+INTERRUPTED = "miniloop: interrupted; finished work is kept, the same command continues"
+MADE_OF_IT = [  # by compiled code, the definition of a class and a failed import; the last is told as our own
+    SystemError("CPUDispatcher(<function conjugate_gradients>) returned a result with an exception set"),
+    RuntimeError("Error calling __set_name__ on '_axis_method_wrapper' instance"),
+    ImportError("initialization failed"),
+    MiniloopError("open3d cannot be loaded"),
+]
+
+
+def test_interrupted_while_threads_are_at_work(recording, tmp_path):
+    """The interpreter used to stop them in the middle of compiled code, which aborted the process (status 134)."""
+    line = command("register", recording, "-o", tmp_path / "out", "-q", "-j", 4)
+    for _ in range(2):
+        cache = tmp_path / "cache"
+        shutil.rmtree(cache, ignore_errors=True)
+        process = subprocess.Popen(
+            line, cwd=tmp_path, env=environment(MINILOOP_CACHE=cache), stderr=subprocess.PIPE, text=True
+        )
+        while process.poll() is None and not list(cache.glob("features/*")):
+            time.sleep(0.002)
+        process.send_signal(signal.SIGTERM)
+        _, stderr = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert stderr.strip() == INTERRUPTED
+
+
+@pytest.mark.parametrize("error", MADE_OF_IT)
+def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, monkeypatch, error):
+    def interrupted_inside(*_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise error from interrupt
+
+    monkeypatch.setattr("miniloop_cli.bench.averaging.averaging_rows", interrupted_inside)
+    done = launch("bench", "averaging", "--scans", 10, "-q", "-o", tmp_path / "out")
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", INTERRUPTED)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_that_falls_into_a_callback_is_not_lost(tmp_path):
+    """Where compiled code calls Python, nobody can catch it: it was printed, and the command went on."""
+    script = (
+        "import ctypes, os, signal, time; import miniloop_cli.bench.averaging as averaging\n"
+        "def callback():\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    for _ in range(1000): pass\n"
+        "def rows(*_):\n"
+        "    ctypes.CFUNCTYPE(None)(callback)()\n"
+        "    print('came back', flush=True)\n"
+        "    time.sleep(20)\n"
+        "averaging.averaging_rows = rows\n"
+        "from miniloop_cli.cli.main import main\n"
+        "main(['bench', 'averaging', '--scans', '10', '-q'])\n"
+    )
+    line = [*command()[:1], "-c", script]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment(), check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "came back\n", INTERRUPTED)
