@@ -63,7 +63,7 @@ def rehearse() -> None:
     for T_cam_world in se3.inverse(T_world_cam):
         p_cam = cloud @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
         px = p_cam[:, :2] / p_cam[:, 2:] * 500 + [319.5, 239.5] + 0.3 * rng.standard_normal((POINTS, 2))
-        features.append(ScanFeatures(px, px, p_cam[:, 2].copy(), np.zeros((POINTS, 2)), look))
+        features.append(ScanFeatures(px, px, p_cam[:, 2].copy(), np.zeros((POINTS, 2)), np.zeros(POINTS, bool), look))
     points = [scan_points(found, camera) for found in features]
     same = np.repeat(np.arange(POINTS)[:, None], 2, axis=1)
     edges = [

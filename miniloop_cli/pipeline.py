@@ -97,7 +97,8 @@ def register(
         edges, notes = judged_by_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
         steps = steps_m(features, points, sequence.camera.width, settings, workers)
-        witness = Witness([scan.view for scan in scans], points, steps, sequence.camera)
+        outline = [found.outline for found in features]
+        witness = Witness([scan.view for scan in scans], points, outline, steps, sequence.camera)
         poses, edges = average(edges, count, settings.averaging, witness)
         if settings.verification.second_round and len(poses.registered) > 1:
             found = second_round(edges, poses, features, points, sequence.camera, settings, workers)

@@ -21,6 +21,7 @@ from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.graph.outlines import by_outlines
 from miniloop_cli.graph.witness import Witness, share
 
 Floats = NDArray[np.float64]
@@ -112,6 +113,7 @@ def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[
     """The edges, those rejected that what their scans show speaks against, and those that it cannot confirm."""
     open_edges = [edge for edge in edges if edge.verdict != REJECTED]
     T = np.array([edge.T_j_i for edge in open_edges]).reshape(-1, 4, 4)
+    outlined = by_outlines(open_edges, witness.outline)
     alike = dict(zip(map(id, open_edges), share(witness.says([(e.i, e.j) for e in open_edges], T)), strict=True))
 
     def judge(edge: Edge) -> Edge:
@@ -120,6 +122,8 @@ def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[
         step = min(witness.step_m[edge.i], witness.step_m[edge.j])
         if step > 0:
             return rejected(edge, f"both scans repeat themselves (every {step:.2f} m): it may be another part")
+        if {edge.i, edge.j} & outlined.keys():
+            return rejected(edge, outlined.get(edge.i) or outlined[edge.j])
         if alike[id(edge)] < min_alike:
             return rejected(edge, f"only {100 * alike[id(edge)]:.0f} % of what both scans see looks alike")
         return edge

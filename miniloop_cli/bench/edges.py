@@ -49,7 +49,8 @@ def edge_rows(
         _warm_up(overlaps, settings.values(), seed, workers)
         features = [scan.features for scan in overlaps.scans]
         steps = steps_m(features, overlaps.points, overlaps.camera.width, settings[2], workers)
-        witness = Witness([scan.view for scan in overlaps.scans], overlaps.points, steps, overlaps.camera)
+        views, outline = [scan.view for scan in overlaps.scans], [found.outline for found in features]
+        witness = Witness(views, overlaps.points, outline, steps, overlaps.camera)
         solved, poses, seconds = {}, {}, {}
         for n in lengths:
             solved[n], seconds[n] = _solve(overlaps, settings[n], seed, workers)

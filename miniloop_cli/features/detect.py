@@ -16,11 +16,13 @@ BINARY = frozenset({"orb", "akaze", "brisk"})
 class Detection:
     """Keypoints of one image, strongest first.
 
-    px: (n, 2) float64 measured pixels; response: (n,) float32; descriptors: (n, d) as stored: uint8 (bits, or SIFT's
-    histograms) or float32 (SURF). `comparable` makes them ready for matching.
+    px: (n, 2) float64 measured pixels; radius_px: (n,) float32 of the blob or corner that was found; response: (n,)
+    float32; descriptors: (n, d) as stored: uint8 (bits, or SIFT's histograms) or float32 (SURF). `comparable` makes
+    them ready for matching.
     """
 
     px: NDArray[np.float64]
+    radius_px: NDArray[np.float32]
     response: NDArray[np.float32]
     descriptors: NDArray[Any]
 
@@ -32,16 +34,18 @@ def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.0
     broken by position.
     """
     if kind == "surf" and not _opencv_has_surf():
-        px, response, descriptors = _surf_mahotas(gray, count)
+        px, radius, response, descriptors = _surf_mahotas(gray, count)
     else:
         keypoints, descriptors = _opencv_detector(kind, count, contrast).detectAndCompute(gray, None)
         px = np.array([k.pt for k in keypoints], float).reshape(-1, 2)
+        # SIFT's size is two sigma of its Gaussian, the others' is the diameter of what they looked at.
+        radius = np.array([k.size for k in keypoints], np.float32) * (1.0 if "sift" in kind else 0.5)
         response = np.array([k.response for k in keypoints], np.float32)
     if descriptors is None or not len(px):
         return _empty(kind)
     order = np.lexsort((px[:, 0], px[:, 1], -response))[:count]
     dtype = np.float32 if kind == "surf" else np.uint8
-    return Detection(px[order], response[order], np.ascontiguousarray(descriptors[order], dtype))
+    return Detection(px[order], radius[order], response[order], np.ascontiguousarray(descriptors[order], dtype))
 
 
 def comparable(descriptors: NDArray[Any], kind: str) -> NDArray[Any]:
@@ -71,9 +75,8 @@ def compact(descriptors: NDArray[Any], kind: str) -> tuple[NDArray[np.uint8], fl
 
 
 def _empty(kind: str) -> Detection:
-    return Detection(
-        np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros((0, 64), np.float32 if kind == "surf" else np.uint8)
-    )
+    descriptors = np.zeros((0, 64), np.float32 if kind == "surf" else np.uint8)
+    return Detection(np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros(0, np.float32), descriptors)
 
 
 def _opencv_detector(kind: str, count: int, contrast: float) -> Any:
@@ -105,9 +108,10 @@ def _opencv_has_surf() -> bool:
     return True
 
 
-def _surf_mahotas(gray: NDArray[np.uint8], count: int) -> tuple[NDArray, NDArray, NDArray]:
+def _surf_mahotas(gray: NDArray[np.uint8], count: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     from mahotas.features import surf
 
     # Columns: y, x, scale, score, laplacian, angle, then 64 descriptor values.
     found = surf.surf(gray, nr_octaves=4, nr_scales=6, initial_step_size=1, threshold=0.1, max_points=count)
-    return found[:, [1, 0]].astype(float), found[:, 3].astype(np.float32), found[:, 6:].astype(np.float32)
+    px, descriptors = found[:, [1, 0]].astype(float), found[:, 6:].astype(np.float32)
+    return px, 2 * found[:, 2].astype(np.float32), found[:, 3].astype(np.float32), descriptors

@@ -32,7 +32,8 @@ class ExtractedScan:
     problem: str = ""
 
 
-NOTHING = ScanFeatures(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
+NO_PLACES, NO_NUMBERS = np.zeros((0, 2)), np.zeros(0)
+NOTHING = ScanFeatures(NO_PLACES, NO_PLACES, NO_NUMBERS, NO_PLACES, np.zeros(0, bool), np.zeros((0, 128), np.uint8))
 COLUMNS, PICTURES = ([column.name for column in fields(kind)] for kind in (ScanFeatures, View))
 
 

@@ -19,13 +19,15 @@ class ScanFeatures:
     """Features of one scan: those with depth first, each part strongest first.
 
     px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; slope: (n, 2) how depth changes
-    along the image there (m/px), 0 where it is not smooth; descriptors: (n, d).
+    along the image there (m/px), 0 where it is not smooth; outline: (n,) bool, depth jumps within the feature;
+    descriptors: (n, d).
     """
 
     px: NDArray[np.float64]
     px_ideal: NDArray[np.float64]
     z_m: NDArray[np.float64]
     slope: NDArray[np.float64]
+    outline: NDArray[np.bool_]
     descriptors: NDArray[Any]
 
     @property
@@ -45,9 +47,10 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     found = detect(gray, features.type, features.count, features.contrast)
     z_m = depth_at(scan.depth_m, found.px, depth)
     slope = depth_slope(scan.depth_m, found.px, z_m, depth)
-    px_ideal = camera.undistort(found.px)
+    outline = on_outline(scan.depth_m, found.px, found.radius_px, z_m)
+    columns = (found.px, camera.undistort(found.px), z_m, slope, outline, found.descriptors)
     order = np.argsort(np.isnan(z_m), kind="stable")
-    return ScanFeatures(found.px[order], px_ideal[order], z_m[order], slope[order], found.descriptors[order])
+    return ScanFeatures(*(column[order] for column in columns))
 
 
 def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: Depth) -> NDArray[np.float64]:
@@ -85,3 +88,27 @@ def depth_slope(
         smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
         slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
     return slope
+
+
+OUTLINE_PX = 3.0  # depth is not as sharp as colour
+JUMP = 0.05  # of the depth: more than noise, less than from furniture to the wall behind
+
+
+def on_outline(
+    depth_m: NDArray[np.float32], px: NDArray[np.float64], radius_px: NDArray[np.float32], z_m: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether depth jumps (n,) within the radius (n,) of features at pixels (n, 2) of depth z_m (n,).
+
+    Such a feature is where one thing ends before another: it lies elsewhere on both when seen from elsewhere. False
+    where the feature has no depth.
+    """
+    height, width = depth_m.shape
+    found = np.zeros(len(px), bool)
+    reach = np.maximum(radius_px, OUTLINE_PX)[:, None]
+    for part in (0.5, 1.0):
+        for angle in np.arange(8) * np.pi / 4:
+            x, y = np.rint(px + part * reach * [np.cos(angle), np.sin(angle)]).astype(int).T
+            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            z = depth_m[np.where(inside, y, 0), np.where(inside, x, 0)]
+            found |= inside & (z > 0) & (np.abs(z - z_m) > JUMP * z_m)  # NaN compares false
+    return found

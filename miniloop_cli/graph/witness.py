@@ -22,13 +22,15 @@ MIN_EVIDENCE = 100  # cells; fewer say nothing
 
 @dataclass(frozen=True)
 class Witness:
-    """Pictures of the scans, their points and camera; `step_m` (n,): repetition of each (m), 0 if there is none.
+    """Pictures of the scans, their points and camera.
 
+    `outline`: which features of each scan lie on outlines; `step_m` (n,): repetition of each (m), 0 if there is none.
     Scans that could not be read have no view.
     """
 
     views: Sequence[View | None]
     points: Sequence[ScanPoints]
+    outline: Sequence[NDArray[np.bool_]]
     step_m: Sequence[float]
     camera: Camera
     _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before

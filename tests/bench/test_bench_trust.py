@@ -63,7 +63,14 @@ def test_errors_in_sigmas_are_normal_for_noise_that_is_as_promised(rng):
 
 @pytest.mark.parametrize(
     ("name", "frames"),
-    [("one plane", 10), ("pure rotation", 10), ("repeated texture", 10), ("two rooms", 16), ("three frames", 3)],
+    [
+        ("one plane", 10),
+        ("pure rotation", 10),
+        ("repeated texture", 10),
+        ("no texture", 16),
+        ("two rooms", 16),
+        ("three frames", 3),
+    ],
 )
 def test_small_scenes_get_the_right_answer(name, frames):
     row = scene_row(name, SCENES[name], frames, 320, 0, Workers(2))

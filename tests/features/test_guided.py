@@ -22,7 +22,7 @@ def two_scans(rng, count=200, no_depth=0):
         px, z = CAMERA.project(p), p[:, 2].copy()
         if no_depth and p is p_b:
             z[-no_depth:] = np.nan
-        scans.append(ScanFeatures(px, px, z, np.zeros((count, 2)), descriptors))
+        scans.append(ScanFeatures(px, px, z, np.zeros((count, 2)), np.zeros(count, bool), descriptors))
     return scans, descriptors, T_b_a
 
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.config import Depth
-from miniloop_cli.features.lift import depth_at, depth_slope
+from miniloop_cli.features.lift import depth_at, depth_slope, on_outline
 
 PLAIN = Depth()
 
@@ -36,3 +36,15 @@ def test_slope_is_zero_across_an_edge():
     depth_m[:, 23:] = 2.3
     px = np.array([[20.0, 20.0]])
     assert np.array_equal(depth_slope(depth_m, px, depth_at(depth_m, px, PLAIN), PLAIN), [[0, 0]])
+
+
+def test_a_feature_is_on_an_outline_if_depth_jumps_within_its_radius():
+    depth_m = np.full((60, 60), 2.0, np.float32)
+    depth_m[:, 30:] = 2.3
+    depth_m[:, 30:34] = 0  # no reading in the shadow of the edge
+    px = np.array([[20.0, 20.0], [20.0, 20.0], [27.0, 20.0], [32.0, 20.0], [40.0, 59.0]])
+    radius_px = np.float32([2, 15, 8, 9, 30])
+    z_m = np.array([2.0, 2.0, 2.0, np.nan, 2.3])
+    assert on_outline(depth_m, px, radius_px, z_m).tolist() == [False, True, True, False, True]
+    slanted = np.tile(np.linspace(1.0, 2.0, 60, dtype=np.float32), (60, 1))
+    assert not on_outline(slanted, px[:1], radius_px[:1], np.array([1.339])).any()

@@ -33,7 +33,14 @@ def scans():
         order = rng.permutation(400)
         noise = rng.integers(0, 3, (400, 128)).astype(np.float32)
         features.append(
-            ScanFeatures(px[order], px[order], p_cam[order, 2].copy(), np.zeros((400, 2)), (look + noise)[order])
+            ScanFeatures(
+                px[order],
+                px[order],
+                p_cam[order, 2].copy(),
+                np.zeros((400, 2)),
+                np.zeros(400, bool),
+                (look + noise)[order],
+            )
         )
     return features, [scan_points(found, CAMERA) for found in features], T_world_cam
 
