@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
 _DENSE_SHARE = 0.2
+_TOLERANCE, _MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
 
 
 class BlockSystem:
@@ -54,10 +55,15 @@ class BlockSystem:
 
         x = np.zeros_like(right)
         b = right[self.free]
-        if self._is_dense and len(b):
-            x[self.free] = cho_solve((self._dense(blocks), False), b.ravel(), check_finite=False).reshape(-1, 6)
-        elif len(b):
+        if not len(b):
+            return x
+        if not self._is_dense:
             x[self.free] = self._sparse.solve(self._sparse.factor(blocks[self._kept]), b)
+            return x
+        found = self._by_gradients(blocks[self._kept], b) if len(b) > _DENSE_UP_TO else None
+        if found is None:
+            found = cho_solve((self._dense(blocks), False), b.ravel(), check_finite=False).reshape(-1, 6)
+        x[self.free] = found
         return x
 
     def marginals(self, blocks: Array) -> Array:
@@ -66,7 +72,6 @@ class BlockSystem:
 
         Z = np.zeros((self.n, 6, 6))
         if self._is_dense and len(self.free):
-            # The upper factor in C order is the lower one in Fortran order, which spares LAPACK a copy.
             inverse = dpotri(self._dense(blocks).T, lower=1, overwrite_c=1)[0]
             k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)
             Z[self.free] = inverse[k[:, :, None], k[:, None, :]]
@@ -74,6 +79,26 @@ class BlockSystem:
         elif len(self.free):
             Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks[self._kept]))
         return Z
+
+    def _by_gradients(self, blocks: Array, right: Array) -> Array | None:
+        """Solution (m, 6) by conjugate gradients on the kept blocks; None where they do not settle.
+
+        Where many poses all see each other a few dozen steps are enough, whose cost grows with the number of blocks
+        and not with the cube of the poses. Preconditioned by the inverses of the diagonal blocks.
+        """
+        from scipy.sparse import bsr_array
+        from scipy.sparse.linalg import LinearOperator, cg
+
+        m, off = len(right), self._r != self._c
+        row, column = np.concatenate([self._r, self._c[off]]), np.concatenate([self._c, self._r[off]])
+        values = np.concatenate([blocks, blocks[off].transpose(0, 2, 1)])
+        order = np.lexsort((column, row))
+        start = np.searchsorted(row[order], np.arange(m + 1))
+        A = bsr_array((values[order], column[order], start), shape=(6 * m, 6 * m))
+        inverse = np.linalg.inv(blocks[~off][np.argsort(self._r[~off])])
+        M = LinearOperator(A.shape, lambda v: np.einsum("nij,nj->ni", inverse, v.reshape(-1, 6)).ravel())
+        x, unsettled = cg(A, right.ravel(), rtol=_TOLERANCE, maxiter=_MOST_STEPS, M=M)
+        return None if unsettled or x @ right.ravel() < 0 else x.reshape(-1, 6)
 
     @cached_property
     def _sparse(self) -> BlockPattern:
@@ -86,4 +111,5 @@ class BlockSystem:
         m = len(self.free)
         M = np.zeros((m, 6, m, 6))
         M[self._r, :, self._c, :] = blocks[self._kept]  # the lower triangle is never read
-        return cholesky(M.reshape(6 * m, 6 * m), lower=False, overwrite_a=True, check_finite=False)
+        # To LAPACK the transpose of an array in C order is one in its own order, which spares it a copy.
+        return cholesky(M.reshape(6 * m, 6 * m).T, lower=True, overwrite_a=True, check_finite=False).T

@@ -14,7 +14,7 @@ from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 Twists = tuple[Floats, Floats]
-CALIBRATION_OBSERVATIONS = 60_000  # are plenty for two numbers
+CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 60_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
 MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
@@ -97,13 +97,15 @@ def calibrate(
 ) -> tuple[Timing, Floats]:
     """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
 
-    Newton's method on the two times, each step after a bundle adjustment of part of the tracks: the slope of the
-    cost is exact there, its curvature is the secant's. No timing at all is the answer where it takes away less than
-    LEAST_GAIN of the cost, or where the times leave what a sensor can do.
+    Newton's method on the two times, each step after a bundle adjustment of part of the tracks, and of a long
+    recording of a part of its frames: the slope of the cost is exact there, its curvature is the secant's. No timing
+    at all is the answer where it takes away less than LEAST_GAIN of the cost, or where the times leave what a sensor
+    can do.
     """
-    count = int(tracked.track.max(initial=-1)) + 1
-    every = int(np.ceil(len(tracked.track) / CALIBRATION_OBSERVATIONS))
-    part = tracked.subset(tracked.track % max(every, 1) == 0) if count else tracked
+    part = tracked.subset(in_busiest_run(tracked.frame, CALIBRATION_FRAMES))
+    whole = len(part.track) == len(tracked.track)
+    every = int(np.ceil(len(part.track) / CALIBRATION_OBSERVATIONS))
+    part = part.subset(part.track % max(every, 1) == 0)
     if not len(part.track):
         return NO_TIMING, T
     # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
@@ -130,8 +132,15 @@ def calibrate(
             break
     least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
     if not cost < least or not (np.abs(times) < MOST_S).all():
-        return NO_TIMING, plain.T_world_cam
-    return Timing(float(times[0]), float(times[1])), result.T_world_cam
+        return NO_TIMING, plain.T_world_cam if whole else T
+    return Timing(float(times[0]), float(times[1])), result.T_world_cam if whole else T
+
+
+def in_busiest_run(frame: NDArray[np.int64], length: int) -> NDArray[np.bool_]:
+    """Observations (k,) bool of the `length` consecutive frames that have most of them; frame (k,) ints."""
+    until = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.bincount(frame))])
+    first = int(np.argmax(until[length:] - until[:-length])) if len(until) > length else 0
+    return (frame >= first) & (frame < first + length)
 
 
 def _path_flow(moving: MovingCamera, measured: Measurements, result: BundleResult) -> Flow:

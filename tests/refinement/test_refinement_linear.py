@@ -48,6 +48,31 @@ def test_solutions_and_marginals_are_those_of_numpy(dense_up_to, seed, n, m, hel
     assert not Z[held].any()
 
 
+def test_where_most_see_each_other_gradients_give_the_same_solution(monkeypatch):
+    rng = np.random.default_rng(3)
+    system, _, _, blocks = random_system(rng, 60, 5000, 0.1)
+    right = rng.standard_normal((60, 6))
+    direct = system.solve(blocks, right)
+    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
+    monkeypatch.setattr(BlockSystem, "_dense", None)  # must not be needed
+    np.testing.assert_allclose(system.solve(blocks, right), direct, atol=1e-5 * np.abs(direct).max())
+
+
+@pytest.mark.parametrize("steps", [1, 300])
+def test_gradients_that_do_not_settle_are_replaced(monkeypatch, steps):
+    rng = np.random.default_rng(4)
+    system, _, M, blocks = random_system(rng, 40, 900)
+    right = rng.standard_normal((40, 6))
+    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
+    monkeypatch.setattr(block_system, "_MOST_STEPS", steps)
+    expected = np.linalg.solve(M.reshape(240, 240), right.ravel()).reshape(-1, 6)
+    np.testing.assert_allclose(system.solve(blocks, right), expected, atol=1e-5 * np.abs(expected).max())
+    indefinite = blocks.copy()
+    indefinite[40:] *= 50
+    with pytest.raises(np.linalg.LinAlgError):
+        system.solve(indefinite, right)
+
+
 def test_block_numbers_in_either_order():
     system = BlockSystem(np.zeros(4, bool), np.array([[2, 0], [1, 3], [0, 2], [3, 3]]))
     assert list(zip(system.rows.tolist(), system.cols.tolist(), strict=True)) == [
