@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.refinement import calibration
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.calibration import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.motion import felt_twists, twists
@@ -119,6 +120,25 @@ def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
     assert timing.readout_s == pytest.approx(readout_s, abs=0.003)
     assert timing.lag_s == pytest.approx(lag_s, abs=0.003)
     assert T.shape == (25, 4, 4)
+
+
+def test_a_part_of_a_long_recording_tells_the_times(monkeypatch):
+    monkeypatch.setattr(calibration, "CALIBRATION_FRAMES", 15)
+    measured, _ = recording(0.02, -0.02, np.random.default_rng(1))
+    moving = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool))
+    T = pose_at(STAMPS_S)
+    timing, same = calibrate(T, measured, moving, BundleSettings(relative_tolerance=1e-3, covariance=False), 1)
+    assert same is T  # poses of a part do not fit the others any more
+    assert timing.readout_s == pytest.approx(0.02, abs=0.003)
+    assert timing.lag_s == pytest.approx(-0.02, abs=0.003)
+
+
+def test_the_part_is_the_run_of_frames_with_most_observations():
+    frame = np.repeat([0, 3, 4, 5, 9], [8, 2, 4, 5, 8])
+    assert set(frame[calibration.in_busiest_run(frame, 3)]) == {3, 4, 5}
+    assert set(frame[calibration.in_busiest_run(frame, 4)]) == {3, 4, 5}
+    assert calibration.in_busiest_run(frame, 10).all()
+    assert not len(calibration.in_busiest_run(frame[:0], 3))
 
 
 def test_a_camera_without_either_is_left_alone():
