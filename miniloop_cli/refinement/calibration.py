@@ -14,7 +14,7 @@ from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 Twists = tuple[Floats, Floats]
-CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 60_000  # are plenty for two numbers
+CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
 MOST_S = 0.1  # no sensor is that late
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
