@@ -7,6 +7,8 @@ of what the other saw behind it, or the two surfaces coincide and look different
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -24,12 +26,15 @@ ALIKE = 0.5  # correlation of blocks that show the same
 SLACK_M, SLACK = 0.03, 0.03  # by which depths may differ: metres, and share of the depth
 
 
-def agreement(view_i: View, view_j: View, T_j_i: Floats, camera: Camera) -> tuple[int, int]:
-    """Cells of both views that speak for and against the relative pose T_j_i (4, 4); see `_compare`."""
+def agreements(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera) -> list[tuple[int, int]]:
+    """Of each pair of views (i, j): cells of both that speak for and against its T_j_i (m, 4, 4); see `_compare`."""
     lens = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) * (COLUMNS / camera.width)
-    there = _compare(view_i.gray, view_i.z_m, view_j.gray, view_j.low_m, view_j.high_m, T_j_i, lens)
-    back = _compare(view_j.gray, view_j.z_m, view_i.gray, view_i.low_m, view_i.high_m, se3.inverse(T_j_i), lens)
-    return there[0] + back[0], there[1] + back[1]
+    found = []
+    for (a, b), there, back in zip(views, T_j_i, se3.inverse(T_j_i), strict=True):
+        for_ab, against_ab = _compare(a.gray, a.z_m, b.gray, b.low_m, b.high_m, there, lens)
+        for_ba, against_ba = _compare(b.gray, b.z_m, a.gray, a.low_m, a.high_m, back, lens)
+        found.append((for_ab + for_ba, against_ab + against_ba))
+    return found
 
 
 @njit(cache=True, nogil=True)

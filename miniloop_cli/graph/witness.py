@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.features.view import View
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.alike import agreement
+from miniloop_cli.graph.alike import agreements
 from miniloop_cli.graph.overlap import Pair, ScanPoints
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.scans.camera import Camera
@@ -37,14 +37,13 @@ class Witness:
 
     def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> NDArray[np.int64]:
         """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
-        found = np.zeros((len(pairs), 2), np.int64)
-        for row, (i, j), T in zip(found, pairs, T_j_i, strict=True):
-            question = ((i, j), T.tobytes())
-            if question not in self._said:
-                a, b = self.views[i], self.views[j]
-                self._said[question] = (0, 0) if a is None or b is None else agreement(a, b, T, self.camera)
-            row[:] = self._said[question]
-        return found
+        questions = [(pair, T.tobytes()) for pair, T in zip(pairs, T_j_i, strict=True)]
+        new = [k for k, question in enumerate(questions) if question not in self._said]
+        seen = [k for k in new if all(self.views[scan] is not None for scan in pairs[k])]
+        self._said.update(dict.fromkeys((questions[k] for k in new), (0, 0)))
+        views = ((self.views[pairs[k][0]], self.views[pairs[k][1]]) for k in seen)
+        self._said.update(zip((questions[k] for k in seen), agreements(views, T_j_i[seen], self.camera), strict=True))
+        return np.array([self._said[question] for question in questions], np.int64).reshape(-1, 2)
 
     def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
         """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
