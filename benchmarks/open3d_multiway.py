@@ -1,9 +1,10 @@
 """Open3D's multiway registration: RANSAC on feature correspondences for every pair, then its pose graph optimisation.
 
-Open3D brings no image features and no matcher for them: it is given ours, and exhaustive exact matching by our
-matcher, the fastest of those measured. Two of its answers are not taken as they come: `correspondence_set` holds
-nearest neighbours instead of the given correspondences, and the pose is not refined on its inliers. Inliers are
-counted on the given correspondences here, and the pose is fitted to them (twice, as inliers change).
+Open3D brings no image features and no matcher for them: it is given ours, and exhaustive exact matching, by our
+matcher, the fastest of those measured, or with `--matcher opencv` by the one that comes with the features. Two of its
+answers are not taken as they come: `correspondence_set` holds nearest neighbours instead of the given correspondences,
+and the pose is not refined on its inliers. Inliers are counted on the given correspondences here, and the pose is
+fitted to them (twice, as inliers change).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from miniloop_cli.config import load_settings
 from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.extract import extract
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.candidates import match_fully
+from miniloop_cli.graph.candidates import enough, match_fully
 from miniloop_cli.graph.overlap import scan_points
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans import open_sequence
@@ -82,7 +83,7 @@ def optimise(count: int, edges: dict[tuple[int, int], tuple[Floats, Floats, int]
 
 
 def main() -> None:
-    options = arguments(__doc__, min_inliers=30, distance_m=0.05)
+    options = arguments(__doc__, min_inliers=30, distance_m=0.05, matcher="miniloop")
     clock, workers, sequence = Clock(), Workers(), open_sequence(options.sequence)
     settings = load_settings(overrides=(f"matching.min_matches={options.min_inliers}",))  # fewer cannot do
     o3d.utility.random.seed(0)
@@ -92,7 +93,13 @@ def main() -> None:
     with clock.stage("matching"):
         descriptors = [comparable(found.descriptors[: found.with_depth], "rootsift") for found in features]
         pairs = [(i, j) for i in range(len(features)) for j in range(i + 1, len(features))]
-        matches = match_fully(descriptors, pairs, settings.matching, workers)
+        if options.matcher == "opencv":
+            from matching import opencv  # late: what it imports beside would count in the memory of the other row
+
+            found = workers.map(lambda p: opencv(descriptors[p[0]], descriptors[p[1]]), pairs, "matching", len(pairs))
+            matches = enough(pairs, found, settings.matching)
+        else:
+            matches = match_fully(descriptors, pairs, settings.matching, workers)
     with clock.stage("edges"):
         edges = {}
         for (i, j), rows in matches.items():

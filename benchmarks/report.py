@@ -20,7 +20,8 @@ METHODS = {
     "miniloop-seed2": "miniloop, seed 2",
     "miniloop-fast": "miniloop --config fast",
     "miniloop-paper": "miniloop --config paper",
-    "open3d": "Open3D multiway",
+    "open3d": "Open3D multiway, miniloop's matcher",
+    "open3d-opencv": "Open3D multiway, OpenCV's matcher",
     "pycolmap": "pycolmap SfM, colour only, true scale given",
 }
 REGENERATE = "python benchmarks/run.py data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100"
@@ -94,7 +95,7 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         paths = {name: folder / f"{key}.txt" for key, name in METHODS.items()}
         if runs:
             parts += [f"## {sequence.name}", table(*sections.whole_runs(runs, paths, sequence))]
-            parts += [sections.ratios(runs, matching[sequence.name]), table(*sections.stages(runs))]
+            parts += [sections.ratios(runs), table(*sections.stages(runs))]
         if same := read(folder / "same-poses.json"):
             parts += [sections.same_poses_text(same), table(*sections.same_poses(same, folder, sequence))]
         if ablation := read(folder / "ablation.json"):
@@ -107,5 +108,6 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
     scaling = {int(p.stem.split("-")[1]): p for p in results.glob("scaling-*.json") if "usage" not in p.name}
     if scaling:
         runs = {n: read(p) | {"usage": read(p.with_suffix(".usage.json"))} for n, p in sorted(scaling.items())}
-        parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(runs))]
+        found = {n: sections.scores(p.with_suffix(".txt"), results / f"simulated_{n}") for n, p in scaling.items()}
+        parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(runs, found))]
     output.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")

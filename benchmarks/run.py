@@ -74,6 +74,7 @@ def jobs(sequences: list[Path], results: Path) -> list[Job]:
         add("miniloop-fast", "miniloop_run", "--config", "fast")
         add("miniloop-paper", "miniloop_run", "--config", "paper")
         add("open3d", "open3d_multiway")
+        add("open3d-opencv", "open3d_multiway", "--matcher", "opencv")
         add("pycolmap", "pycolmap_sfm")
         add("same-poses", "same_poses")
         add("matching", "matching")
