@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
-from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from miniloop_cli.features.bits import WORDS, set_bits
 
 Ints = NDArray[np.int64]
 Bits = NDArray[np.uint32]
 
-WORDS = 8  # of 32 bits, a sketch
 LANES = 16  # columns compared at once; each keeps its best
 CANDIDATES = 8
 MOST = 1 << 16  # features of a scan: as many as a key can number
@@ -73,14 +72,19 @@ def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
     return _match(a.descriptors, b.descriptors, a.rows[:n], b.blocks, m, ratio2)
 
 
-@intrinsic
-def _ctpop(_: Any, x: Any) -> Any:
-    """Set bits of an integer, by the machine's own instruction."""
-
-    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
-        return builder.ctpop(arguments[0])
-
-    return x(x), generate
+@njit(cache=True, nogil=True, inline="always")
+def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
+    """Bits in which a sketch differs from the k-th of a block."""
+    return set_bits(
+        np.uint32(row[0] ^ block[0, k]),
+        np.uint32(row[1] ^ block[1, k]),
+        np.uint32(row[2] ^ block[2, k]),
+        np.uint32(row[3] ^ block[3, k]),
+        np.uint32(row[4] ^ block[4, k]),
+        np.uint32(row[5] ^ block[5, k]),
+        np.uint32(row[6] ^ block[6, k]),
+        np.uint32(row[7] ^ block[7, k]),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -93,17 +97,11 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
         for block in range(whole):
             at = np.uint32(block)
             for k in range(LANES):
-                differing = np.uint32(0)
-                for w in range(WORDS):
-                    differing += _ctpop(np.uint32(rows[i, w] ^ blocks[block, w, k]))
-                differing = np.uint32(differing << shift)
+                differing = np.uint32(_differing(rows[i], blocks[block], k) << shift)
                 column[block, k] = min(column[block, k], np.uint32(differing | number))
                 best[k] = min(best[k], np.uint32(differing | at))
         for k in range(m - whole * LANES):
-            differing = np.uint32(0)
-            for w in range(WORDS):
-                differing += _ctpop(np.uint32(rows[i, w] ^ blocks[whole, w, k]))
-            differing = np.uint32(differing << shift)
+            differing = np.uint32(_differing(rows[i], blocks[whole], k) << shift)
             column[whole, k] = min(column[whole, k], np.uint32(differing | number))
             best[k] = min(best[k], np.uint32(differing | np.uint32(whole)))
 
