@@ -18,6 +18,7 @@ from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs
 from miniloop_cli.averaging.linear import Differences, spread
 from miniloop_cli.averaging.start import tree_start, trust, voted_start
 from miniloop_cli.errors import ConfigError
+from miniloop_cli.geometry.se3 import quaternions
 
 
 @dataclass(frozen=True)
@@ -102,18 +103,15 @@ def _advance(q: Floats, system: Differences, weights: Floats, r: Floats) -> floa
 
 
 def _quaternions(R_j_i: ArrayLike, edges: int) -> Floats:
-    from scipy.spatial.transform import Rotation
-
     R_j_i = np.asarray(R_j_i, dtype=np.float64)
     if R_j_i.shape != (edges, 3, 3):
         raise GraphError(f"{edges} edges need rotations of shape ({edges}, 3, 3), got {R_j_i.shape}")
     if not np.isfinite(R_j_i).all():
         e = int(np.flatnonzero(~np.isfinite(R_j_i).all((1, 2)))[0])
         raise GraphError(f"the rotation of edge {e} is not finite")
-    try:
-        return np.ascontiguousarray(Rotation.from_matrix(R_j_i).as_quat(scalar_first=True))
-    except ValueError as error:
-        raise GraphError(f"an edge's matrix is no rotation ({error})") from error
+    if len(reflected := np.flatnonzero(np.linalg.det(R_j_i) <= 0)):
+        raise GraphError(f"the matrix of edge {reflected[0]} is no rotation: its determinant is not positive")
+    return np.ascontiguousarray(quaternions(R_j_i, w_first=True))
 
 
 def _result(q: Floats, pairs: Ints, q_j_i: Floats, converged: bool, iterations: int) -> RotationAverage:

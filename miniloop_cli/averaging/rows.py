@@ -7,15 +7,14 @@ from numba import njit
 
 from miniloop_cli.averaging.graph import Floats
 from miniloop_cli.averaging.kernels import conjugate, product
+from miniloop_cli.geometry.se3 import quaternions
 
 Row = tuple[float, float, float, float, float, float, float]
 
 
 def rows(T: Floats) -> Floats:
     """Poses (m, 4, 4) as rows (m, 7)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.hstack([Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True), T[:, :3, 3]])
+    return np.hstack([quaternions(T[:, :3, :3], w_first=True), T[:, :3, 3]])
 
 
 @njit(cache=True, nogil=True)

@@ -64,12 +64,8 @@ def write_g2o(
 
 def pose_rows(T: Array) -> list[str]:
     """(n, 4, 4) poses as "x y z qx qy qz qw"."""
-    from scipy.spatial.transform import Rotation
-
-    if not len(T):
-        return []
-    q = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
-    return [" ".join(f"{v:.12g}" for v in row) for row in np.hstack([T[:, :3, 3], q])]
+    rows = np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])])
+    return [" ".join(f"{v:.12g}" for v in row) for row in rows]
 
 
 def read_g2o(path: Path) -> PoseGraph:

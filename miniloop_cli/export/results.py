@@ -169,11 +169,9 @@ EDGE_COLUMNS = tuple(
 
 def _write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> None:
     """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
-    from scipy.spatial.transform import Rotation
-
     angles, distances = residuals(run.edges, run.poses.T_world_cam)
     T = np.array([edge.T_j_i for edge in run.edges]).reshape(-1, 4, 4)
-    poses = np.hstack([T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)])
+    poses = np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])])
     variance = np.array([np.diag(edge.covariance) for edge in run.edges]).reshape(-1, 2, 3)
     sigmas = np.sqrt(np.maximum(variance, 0).sum(axis=2))
 

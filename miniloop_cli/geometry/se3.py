@@ -58,7 +58,18 @@ def log_so3(R: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     R = np.asarray(R, float)
+    if not R.size:  # scipy before 1.17 refuses no rotations
+        return np.zeros(R.shape[:-1])
     return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+
+
+def quaternions(R: Array, w_first: bool = False) -> Array:
+    """(n, 3, 3) rotations, n may be 0, to (n, 4) unit quaternions x y z w (or w x y z) with w >= 0."""
+    from scipy.spatial.transform import Rotation
+
+    if not len(R):  # scipy before 1.17 refuses no rotations
+        return np.zeros((0, 4))
+    return Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=w_first)
 
 
 def rotation_angle_deg(R: Array) -> Array:

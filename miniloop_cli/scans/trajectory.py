@@ -60,11 +60,8 @@ def read_trajectory(path: Path | str) -> Trajectory:
 
 def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:
     """Write TUM's format, stamps to the microsecond, whole or not at all."""
-    from scipy.spatial.transform import Rotation
-
     T = trajectory.T_world_cam.reshape(-1, 4, 4)
-    quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True) if len(T) else np.zeros((0, 4))
     with atomic_write(Path(path)) as file:
         file.write(HEADER + "\n")
-        for stamp, t, q in zip(trajectory.timestamps_s, T[:, :3, 3], quaternions, strict=True):
+        for stamp, t, q in zip(trajectory.timestamps_s, T[:, :3, 3], se3.quaternions(T[:, :3, :3]), strict=True):
             file.write(f"{stamp:.6f} " + " ".join(f"{v:.9f}" for v in (*t, *q)) + "\n")
