@@ -89,16 +89,29 @@ class BlockSystem:
         from scipy.sparse import bsr_array
         from scipy.sparse.linalg import LinearOperator, cg
 
-        m, off = len(right), self._r != self._c
-        row, column = np.concatenate([self._r, self._c[off]]), np.concatenate([self._c, self._r[off]])
-        values = np.concatenate([blocks, blocks[off].transpose(0, 2, 1)])
-        order = np.lexsort((column, row))
-        start = np.searchsorted(row[order], np.arange(m + 1))
-        A = bsr_array((values[order], column[order], start), shape=(6 * m, 6 * m))
-        inverse = np.linalg.inv(blocks[~off][np.argsort(self._r[~off])])
+        upper, lower, column, start = self._whole
+        values = np.empty((len(column), 6, 6))
+        values[lower] = blocks.transpose(0, 2, 1)
+        values[upper] = blocks  # a diagonal block stands in both places, which are one
+        A = bsr_array((values, column, start), shape=(right.size, right.size))
+        inverse = np.linalg.inv(blocks[: len(right)])  # the diagonal ones come first
         M = LinearOperator(A.shape, lambda v: np.einsum("nij,nj->ni", inverse, v.reshape(-1, 6)).ravel())
         x, unsettled = cg(A, right.ravel(), rtol=_TOLERANCE, maxiter=_MOST_STEPS, M=M)
         return None if unsettled or x @ right.ravel() < 0 else x.reshape(-1, 6)
+
+    @cached_property
+    def _whole(self) -> tuple[Ints, Ints, Ints, Ints]:
+        """Of the kept blocks in the rows of the whole matrix: their places, those of their mirror images; columns and
+        starts of these rows.
+        """
+        off = np.flatnonzero(self._r != self._c)
+        row, column = np.concatenate([self._r, self._c[off]]), np.concatenate([self._c, self._r[off]])
+        order = np.lexsort((column, row))
+        place = np.argsort(order)
+        upper = place[: len(self._r)]
+        lower = upper.copy()
+        lower[off] = place[len(self._r) :]
+        return upper, lower, column[order], np.searchsorted(row[order], np.arange(len(self.free) + 1))
 
     @cached_property
     def _sparse(self) -> BlockPattern:
