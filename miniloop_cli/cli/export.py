@@ -91,12 +91,12 @@ def open_model(result: Path | None, sequence: Path | None, layout: str | None, c
     from miniloop_cli.scans import open_sequence
 
     results = Results(result or newest_result())
-    own_camera = results.root / "camera.yaml"
-    camera = camera or (own_camera if own_camera.is_file() else None)
+    if camera is None and results.camera:
+        camera = results.root / "camera.yaml"
     if sequence:
         return Model(results, open_sequence(sequence, layout=layout, camera_path=camera))
     recorded = results.summary.get("recording")
     try:
         return Model(results, open_sequence(recorded, layout or results.summary.get("layout"), camera))
-    except (MiniloopError, TypeError):  # moved since, or never known: a format that needs it will ask for it
-        return Model(results)
+    except (MiniloopError, TypeError) as error:  # moved since, or never known: a format that needs it asks for it
+        return Model(results, problem=str(error) if recorded else "")

@@ -27,6 +27,8 @@ def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Pr
     # A trajectory of another name does not belong to the run whose folder it may lie in.
     folder = Results(file.parent) if file.name == "trajectory.txt" else None
     trajectory = folder.trajectory if folder else read_trajectory(file)
+    if folder:
+        folder.check_camera()
     if edges_path is None:
         edges = folder.edge_stamps_s if folder else None
     elif edges_path.suffix == ".csv":

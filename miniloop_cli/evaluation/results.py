@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
+from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Trajectory
 
 RESULTS_ROOT = Path("results")
@@ -42,6 +43,19 @@ class Results:
         if not path.is_file():
             raise InputError(f"{self.root} has no trajectory.txt: give the folder that `miniloop register` wrote")
         return read_trajectory(path)
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera of camera.yaml, None without the file. Raises InputError or ConfigError if it is damaged."""
+        from miniloop_cli.scans.intrinsics import load_camera
+
+        path = self.root / "camera.yaml"
+        return load_camera(path) if path.is_file() else None
+
+    def check_camera(self) -> None:
+        """Raise InputError or ConfigError where a run's camera.yaml is damaged, for who does not need it otherwise."""
+        if self.summary:  # else the folder is of another program, and so may its camera.yaml be
+            _ = self.camera
 
     @cached_property
     def edges(self) -> list[dict[str, str]]:

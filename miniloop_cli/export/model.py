@@ -20,10 +20,11 @@ SAME_STAMP_S = 1e-4
 
 @dataclass(frozen=True)
 class Model:
-    """A results folder and, for formats that need images or the camera, its recording."""
+    """A results folder and, for formats that need images or the camera, its recording, or why it cannot be opened."""
 
     results: Results
     sequence: Sequence | None = None
+    problem: str = ""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -59,7 +60,8 @@ class Model:
     def recording(self) -> Sequence:
         """The sequence. Raises InputError where it was not given."""
         if self.sequence is None:
-            raise InputError("this format needs the images and the camera: give the recording with --sequence")
+            why = f" ({self.problem})" if self.problem else ""
+            raise InputError(f"this needs the images and the camera: give the recording with --sequence{why}")
         return self.sequence
 
     @cached_property
