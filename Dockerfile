@@ -6,26 +6,25 @@
 #
 # Without meshes, a gigabyte smaller:   docker build --build-arg MESH=no -t miniloop .
 
-FROM python:3.12-slim AS build
-COPY . /source
-RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels /source
-
-FROM python:3.12-slim
+FROM debian:trixie-slim AS build
 ARG MESH=yes
-# What open3d loads; nothing else in miniloop needs these.
-RUN if [ "$MESH" = yes ]; then \
-      apt-get update \
-      && apt-get install -y --no-install-recommends libegl1 libgl1 libgomp1 libusb-1.0-0 \
-      && rm -rf /var/lib/apt/lists/*; \
-    fi
-COPY --from=build /wheels /wheels
-RUN pip install --no-cache-dir /wheels/*.whl \
-    && if [ "$MESH" != yes ]; then pip uninstall -y open3d; fi \
-    && rm -rf /wheels
+RUN apt-get update && apt-get install -y --no-install-recommends python3-venv
+RUN python3 -m venv /opt/miniloop
+COPY . /source
+RUN /opt/miniloop/bin/pip install --no-cache-dir /source \
+    && if [ "$MESH" != yes ]; then /opt/miniloop/bin/pip uninstall -y open3d; fi
+
+FROM debian:trixie-slim
+ARG MESH=yes
+# Beside Python, what open3d loads; nothing else in miniloop needs these.
+RUN if [ "$MESH" = yes ]; then mesh="libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"; fi \
+    && apt-get update && apt-get install -y --no-install-recommends python3 $mesh && rm -rf /var/lib/apt/lists/*
+COPY --from=build /opt/miniloop /opt/miniloop
 
 # An ordinary user; any other (--user) may write to the cache, too. Kernels are compiled once and kept there.
 RUN useradd --create-home miniloop && mkdir -p /cache /work && chmod 1777 /cache /work
-ENV MINILOOP_CACHE=/cache/miniloop \
+ENV PATH=/opt/miniloop/bin:$PATH \
+    MINILOOP_CACHE=/cache/miniloop \
     NUMBA_CACHE_DIR=/cache/numba \
     MPLCONFIGDIR=/cache/matplotlib \
     PYTHONUNBUFFERED=1

@@ -21,7 +21,7 @@ BLOCK = 16  # voxels a side
 # A block's voxels (distance and weight float32, colour 3 float32), and about as much again while the mesh is made.
 BYTES_A_BLOCK = BLOCK**3 * 20 * 2
 COARSER = 1.5  # what the voxel size grows by where memory does not suffice
-SYSTEM_PACKAGES = "libegl1 libgl1 libusb-1.0-0"
+SYSTEM_PACKAGES = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"
 
 
 @dataclass(frozen=True)

@@ -157,6 +157,8 @@ def disparity_step(depths_m: Many[NDArray[np.float32]]) -> tuple[float, float]:
     frequency = np.fft.rfftfreq(size, edges[1] - edges[0])
     inside = (frequency > 1 / (KINECT_STEP_PER_M * STEP_RANGE)) & (frequency < STEP_RANGE / KINECT_STEP_PER_M)
     power, frequency = power[inside], frequency[inside]
+    if not len(power):
+        return 0.0, 0.0  # all readings are equal
     first = int(np.argmax(power > 0.9 * power.max()))
     k = first + int(np.argmax(power[first : first + 200]))
     return float(1 / frequency[k]), float(power[k])

@@ -22,13 +22,13 @@ CAMERA_VIEWS = {"Top view (x right, z forward)": (0, 2, 1), "Side view (z forwar
 MATRIX_PX = 800
 MOST_CHORDS = 6000
 KINDS = {"cycle7": 7, "cycle6": 6, "cycle5": 5, "cycle4": 4, "cycle3": 3, "pairwise": 2}
-KINDS |= {"planar4": 4, "planar3": 3, "planar2": 2}
+KINDS |= {"planar4": 4, "planar3": 3, "planar2": 2, "guided": 1}
 
 
 def named(solver: str) -> str:
     """A solver as a reader knows it: "5-cycle", "pair"; names that are not known as they are."""
     scans = KINDS.get(solver)
-    if scans is None:
+    if scans is None or scans == 1:
         return solver or "unknown"
     return ("pair" if scans == 2 else f"{scans}-cycle") + (", known vertical" if solver.startswith("planar") else "")
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+
+import numpy as np
 
 from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
 from miniloop_cli.files import atomic_write
+from miniloop_cli.inspection.findings import Finding
+from miniloop_cli.inspection.inspect import inspect
 from miniloop_cli.report import sections
 from miniloop_cli.report.data import ReportData, load
-from miniloop_cli.report.verdict import judge
+from miniloop_cli.report.verdict import GOOD, judge
 from miniloop_cli.scans import read_ground_truth
 from miniloop_cli.scans.sequence import Sequence, Trajectory
 
@@ -31,6 +36,8 @@ def write_report(results_dir: Path, sequence: Sequence | None = None) -> Path:
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)
     verdict = judge(data, evaluation)
+    if verdict.level != GOOD:
+        verdict = replace(verdict, findings=causes(data))
     body = [
         sections.verdict_section(verdict),
         sections.trajectory_section(data, trajectory, evaluation),
@@ -56,6 +63,20 @@ def against_truth(data: ReportData, trajectory: Trajectory | None) -> Evaluation
         return evaluate(trajectory, truth, data.results.edge_stamps_s) if truth else None
     except MiniloopError:
         return None
+
+
+def causes(data: ReportData) -> tuple[Finding, ...]:
+    """What `miniloop inspect` finds wrong with the recording, with the camera of this run; nothing without it."""
+    if data.sequence is None:
+        return ()
+    seed = data.summary.get("seed")
+    try:
+        found = inspect(
+            data.sequence, np.random.default_rng(seed if isinstance(seed, int) and seed >= 0 else 0)
+        ).findings
+    except MiniloopError:
+        return ()
+    return tuple(finding for finding in found if finding.level != "note")
 
 
 def page(name: str, body: str) -> str:

@@ -47,13 +47,14 @@ def table(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 
 
 def verdict_section(verdict: Verdict) -> str:
-    """The headline, what is known, what to try."""
+    """The headline, what is known, what is wrong with the recording, what to try."""
     facts = "".join(f"<li>{escape(text)}</li>" for text in verdict.facts)
     advice = "".join(f"<li>{escape(text)}</li>" for text in verdict.advice)
     tried = f"<h2>What to try</h2><ul>{advice}</ul>" if advice else ""
-    return (
-        f'<section class="verdict {verdict.level}"><p>{escape(verdict.headline)}</p><ul>{facts}</ul>{tried}</section>'
-    )
+    causes = "".join(f"<li>{escape(f.message)}: {escape(f.advice)}</li>" for f in verdict.findings)
+    wrong = f"<h2>What looks wrong with the recording</h2><ul>{causes}</ul>" if causes else ""
+    head = f"<p>{escape(verdict.headline)}</p><ul>{facts}</ul>"
+    return f'<section class="verdict {verdict.level}">{head}{wrong}{tried}</section>'
 
 
 def trajectory_section(data: ReportData, trajectory: Trajectory | None, evaluation: Evaluation | None) -> str:

@@ -46,7 +46,7 @@ class Chart:
     height: int = 340
     marks: list[str] = field(default_factory=list)
 
-    LEFT, RIGHT, TOP, BOTTOM = 52, 12, 26, 40
+    LEFT, RIGHT, TOP, BOTTOM = 60, 12, 26, 42
 
     def __post_init__(self) -> None:
         if self.equal:
@@ -107,16 +107,16 @@ class Chart:
         for value in ticks(*self.x_range):
             x = self.place(np.array(value), np.array(self.y_range[0]))[0]
             parts.append(f'<path class="grid" d="M{x:.1f} {self.TOP}V{bottom}"/>')
-            parts.append(f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 14}">{value:.6g}</text>')
+            parts.append(f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 15}">{value:.6g}</text>')
         for value in ticks(*self.y_range):
             y = self.place(np.array(self.x_range[0]), np.array(value))[1]
             parts.append(f'<path class="grid" d="M{self.LEFT} {y:.1f}H{right}"/>')
             parts.append(f'<text class="tick" text-anchor="end" x="{self.LEFT - 5}" y="{y + 4:.1f}">{value:.6g}</text>')
         middle = self.LEFT + width / 2
         parts.append(
-            f'<text class="label" text-anchor="middle" x="{middle}" y="{bottom + 31}">{escape(self.x_label)}</text>'
+            f'<text class="label" text-anchor="middle" x="{middle}" y="{bottom + 34}">{escape(self.x_label)}</text>'
         )
-        turned = f'text-anchor="middle" transform="translate(13 {self.TOP + height / 2}) rotate(-90)"'
+        turned = f'text-anchor="middle" transform="translate(12 {self.TOP + height / 2}) rotate(-90)"'
         parts.append(f'<text class="label" {turned}>{escape(self.y_label)}</text>')
         parts += self.marks
         parts.append(f'<rect class="frame" x="{self.LEFT}" y="{self.TOP}" width="{width}" height="{height}"/>')

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.inspection.findings import Finding
 from miniloop_cli.report.data import Edges, ReportData
 
 GOOD, PARTLY, FAILED = "good", "partly", "failed"
@@ -19,17 +20,22 @@ LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every 
 FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
 SPOKEN_AGAINST = ("looks alike", "repeat themselves", "contradicts")  # in reasons of edges
 MOSTLY_REJECTED = 0.8  # chance matches make many pairs that are rejected, also in a good recording
+CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
 NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`level` is good, partly or failed; one headline; what is known; what to try (empty where nothing is wrong)."""
+    """`level` is good, partly or failed; one headline; what is known; what to try (empty where nothing is wrong).
+
+    `findings` are of an inspection of the recording, for runs that did not go well.
+    """
 
     level: str
     headline: str
     facts: tuple[str, ...]
     advice: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
 
 
 def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
@@ -37,14 +43,17 @@ def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
     frames = data.frames
     total, registered = len(frames), int(frames.registered.sum())
     share = registered / total if total else 0.0
-    loose = _loose(data)
-    level = FAILED if share < FAILED_SHARE or registered < 2 else GOOD if share >= GOOD_SHARE and not loose else PARTLY
-    words = {
-        GOOD: "It worked",
-        PARTLY: "It worked in part" if not loose else "It worked, but the poses are doubtful",
-        FAILED: "It did not work",
-    }
-    headline = f"{words[level]}: {registered} of {total} frames are registered{_pieces(data)}"
+    loose, contradicted = _loose(data), _contradicted(evaluation)
+    enough = share >= GOOD_SHARE
+    level = FAILED if share < FAILED_SHARE or registered < 2 else PARTLY
+    if level == FAILED:
+        words = "It did not work"
+    elif loose or contradicted:
+        doubt = "the ground truth contradicts the poses" if contradicted else "the poses are doubtful"
+        words = f"It worked{'' if enough else ' in part'}, but {doubt}"
+    else:
+        level, words = (GOOD, "It worked") if enough else (PARTLY, "It worked in part")
+    headline = f"{words}: {registered} of {total} frames are registered{_pieces(data)}"
     advice = _scale_advice(data) + (_few_edges(data) if level == GOOD else _advice(data, loose))
     return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
 
@@ -54,6 +63,15 @@ def _loose(data: ReportData) -> bool:
     if not len(kept):
         return False
     return bool(np.median(data.edges.rot_deg[kept]) > LOOSE_DEG or np.median(data.edges.trans_m[kept]) > LOOSE_M)
+
+
+def _contradicted(evaluation: Evaluation | None) -> bool:
+    """Whether the poses are farther from the ground truth than any noise would take them."""
+    if evaluation is None:
+        return False
+    true = evaluation.T_true[:, :3, 3]
+    size_m = float(np.sqrt(((true - true.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return bool(evaluation.numbers["ate_rmse_m"] > max(CONTRADICTED * size_m, LOOSE_M))
 
 
 def pieces(data: ReportData) -> list[int]:

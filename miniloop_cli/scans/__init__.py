@@ -53,7 +53,8 @@ def open_sequence(
     sequence = _with_masks(sequence)
     if max_frames is not None and max_frames < len(sequence.frames):
         keep = np.round(np.linspace(0, len(sequence.frames) - 1, max(max_frames, 1))).astype(int)
-        sequence = replace(sequence, frames=tuple(sequence.frames[i] for i in keep))
+        # Images that were left out on purpose are not images without partner.
+        sequence = replace(sequence, frames=tuple(sequence.frames[i] for i in keep), available=(0, 0))
     return sequence
 
 

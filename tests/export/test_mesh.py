@@ -92,7 +92,7 @@ def test_missing_system_packages_are_named(monkeypatch):
 
     monkeypatch.delitem(sys.modules, "open3d", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
-    with pytest.raises(MiniloopError, match=r"apt-get install libegl1 libgl1 libusb-1\.0-0"):
+    with pytest.raises(MiniloopError, match=r"apt-get install libegl1 libgl1 libgomp1 libidn2-0 libusb-1\.0-0"):
         import_open3d()
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(MiniloopError, match="open3d"):

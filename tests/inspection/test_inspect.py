@@ -171,6 +171,7 @@ def test_disparity_step_of_made_up_readings():
         assert step * factor == pytest.approx(KINECT_STEP_PER_M, rel=0.005) and clarity > 0.9
     assert disparity_step([z.astype(np.float32)])[1] < 0.3
     assert disparity_step([]) == (0.0, 0.0)
+    assert disparity_step([np.ones((60, 80), np.float32)] * 3) == (0.0, 0.0)
 
 
 def test_timing_counts_pairs_and_gaps(sequence):
@@ -180,6 +181,10 @@ def test_timing_counts_pairs_and_gaps(sequence):
     numbers = timing(replace(sequence, frames=frames, available=(40, 60)))
     assert numbers["paired"] == pytest.approx(20 / 40)
     assert numbers["gaps"] == [{"after_frame": 10, "at_s": pytest.approx(1001.0), "length_s": pytest.approx(3.1)}]
+
+
+def test_frames_left_out_on_purpose_are_not_missing(folder):
+    assert timing(open_sequence(folder, max_frames=5))["paired"] == 1
 
 
 def test_findings_from_numbers_alone():

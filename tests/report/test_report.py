@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from miniloop_cli.errors import InputError
+from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report import write_report
+from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.data import load
 from miniloop_cli.report.verdict import FAILED, GOOD, PARTLY, judge, runs
+from miniloop_cli.scans.sequence import Trajectory
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -151,6 +154,31 @@ def test_verdicts(run):
     assert verdict.level == PARTLY
     assert "doubtful" in verdict.headline
     assert any("depth_scale" in advice for advice in verdict.advice)
+
+
+def test_poses_far_from_the_ground_truth_did_not_simply_work(run):
+    frames = run.results / "frames.csv"
+    frames.write_text(frames.read_text().replace(",0,-1,", ",1,0,"))
+    data, poses = load(run.results), load(run.results).results.trajectory
+    assert judge(data, evaluate(poses, poses)).level == GOOD
+    T = poses.T_world_cam.copy()
+    T[:, :3, 3] *= 1.2  # as a wrong depth scale makes them, which nothing else shows
+    verdict = judge(data, evaluate(Trajectory(poses.timestamps_s, T), poses))
+    assert verdict.level == PARTLY
+    assert verdict.headline.startswith("It worked, but the ground truth contradicts the poses")
+
+
+def test_what_inspection_finds_stands_in_the_report_of_a_run_that_went_badly(run):
+    for frame in run.sequence.frames[:3]:
+        frame.depth_path.write_bytes(b"")
+    page = Page(write_report(run.results, run.sequence).read_text())
+    assert "What looks wrong with the recording" in page.text
+    assert "3 of 8 frames cannot be used" in page.text and "copy or convert them again" in page.text
+    assert "What looks wrong" not in Page(write_report(run.results).read_text()).text
+
+
+def test_solvers_have_colours_of_their_own():
+    assert len({KINDS[name] for name in ("cycle5", "cycle4", "cycle3", "pairwise", "guided")}) == 5
 
 
 def test_frames_with_the_same_trouble_belong_together(run):
