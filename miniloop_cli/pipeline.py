@@ -19,7 +19,7 @@ from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.graph.candidates import comparer, listed_pairs, retrieved_pairs
 from miniloop_cli.graph.edges import Edge, solve_edges
-from miniloop_cli.graph.kept import edges_kept, matches_by_chunk
+from miniloop_cli.graph.kept import edges_kept, matches_by_chunk, steps_kept
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
 from miniloop_cli.graph.priors import judged_by_priors
 from miniloop_cli.graph.repeats import steps_m
@@ -96,7 +96,12 @@ def register(
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
         edges, notes = judged_by_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
-        steps = steps_m(features, points, sequence.camera.width, settings, workers)
+        looking = [settings.ransac.model_dump(), settings.verification.chi2, settings.averaging.min_alike > 0]
+        steps = steps_kept(
+            fingerprint(features_key, looking),
+            store,
+            lambda: steps_m(features, points, sequence.camera.width, settings, workers),
+        )
         outline = [found.outline for found in features]
         witness = Witness([scan.view for scan in scans], points, outline, steps, sequence.camera)
         poses, edges = average(edges, count, settings.averaging, witness)

@@ -1,4 +1,4 @@
-"""Matches and edges on disk: lists of arrays packed end to end."""
+"""Matches, edges and repetitions on disk: lists of arrays packed end to end."""
 
 from __future__ import annotations
 
@@ -82,3 +82,13 @@ def _packed_edges(edges: Sequence[Edge]) -> dict[str, NDArray[Any]]:
         "covariance": column("covariance", (6, 6)),
         **{name: column(name) for name in ("solver", "cycle", "hypotheses", "verdict", "reason")},
     }
+
+
+def steps_kept(key: str, store: Store, make: Callable[[], list[float]]) -> list[float]:
+    """The repetition of every scan (`steps_m`), from the store or made now."""
+    steps_key = fingerprint("steps", key)
+    kept = store.load("steps", steps_key)
+    if kept is None:
+        kept = {"step_m": np.array(make(), float)}
+        store.save("steps", steps_key, kept)
+    return kept["step_m"].tolist()

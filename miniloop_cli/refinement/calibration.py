@@ -112,14 +112,15 @@ def calibrate(
     plain = adjust(T, part, moving.camera, rough, jobs)
     times, before = np.zeros(2), None
     result, cost = plain, plain.descent.cost_after
+    path_flow = _path_flow(moving, part, result)
     for _ in range(MOST_STEPS):
-        px, z_m = corrected(part, _path_flow(moving, part, result), Timing(*times))
+        px, z_m = corrected(part, path_flow, Timing(*times))
         result = adjust(result.T_world_cam, part, moving.camera, rough, jobs, px, z_m, result.points_world)
-        cost = result.descent.cost_after
+        cost, path_flow = result.descent.cost_after, _path_flow(moving, part, result)
         sigma_z = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
         gradient, curvature = slopes(
-            part, _path_flow(moving, part, result), result.residual_px, result.residual_depth, result.weight_px,
-            result.weight_depth, rough.sigma_px, sigma_z,
+            part, path_flow, result.residual_px, result.residual_depth, result.weight_px, result.weight_depth,
+            rough.sigma_px, sigma_z,
         )  # fmt: skip
         curvature *= FOLLOWING
         if before is not None:
