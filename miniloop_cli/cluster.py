@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -15,6 +16,8 @@ from miniloop_cli.parallel import single_inner_threads
 Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
 
 ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
+CONTINUES = "finished work is kept, the same command continues, also without --cluster"
+SENDS = 4
 BATCH = 32  # items of a task at most: what is done again where a worker dies
 
 
@@ -30,24 +33,60 @@ class Cluster:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
         Dask gives the tasks of a worker that dies to the others. `function` must be importable there.
+        Raises MiniloopError where the scheduler is lost, or one piece of work with several workers.
         """
-        from joblib import Parallel, delayed, parallel_config
-
         items = list(items)
         if not items:
             return
+        with _told_in_one_line(self.client.scheduler.address):
+            yield from self._map(function, shared, items)
+
+    def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
+        from joblib import Parallel, delayed
+
         size = max(1, min(BATCH, len(items) // (4 * sum(self.client.ncores().values()) or 1)))
         batches = [items[k : k + size] for k in range(0, len(items), size)]
         package = [shared]  # a list is sent as it is, whatever it holds
-        with parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S):
+        with self._holding(package):
             parallel = Parallel(n_jobs=-1, batch_size=1, pre_dispatch="3*n_jobs", return_as="generator")
             for results in parallel(delayed(_work)(function, package, batch) for batch in batches):
                 yield from results
+
+    def _holding(self, package: list[Any]) -> AbstractContextManager:
+        """joblib's dask backend, with `package` on every worker; again where one dies just as it is sent there."""
+        from joblib import parallel_config
+
+        for _ in range(SENDS):
+            try:
+                return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
+            except KeyError as error:  # what the scheduler says of a worker that has gone meanwhile
+                gone = error
+        raise OSError("workers keep leaving") from gone
 
 
 def _work(function: Callable[[Shared, Item], Result], package: list[Shared], batch: list[Item]) -> list[Result]:
     with single_inner_threads():
         return [function(package[0], item) for item in batch]
+
+
+@contextmanager
+def _told_in_one_line(address: str) -> Iterator[None]:
+    """What dask raises for lost connections and workers, as a MiniloopError; its own log lines are held back."""
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).disabled = True
+    try:
+        yield
+    except KilledWorker as error:
+        why = "several workers died over the same work, perhaps for want of memory"
+        raise MiniloopError(f"--cluster {address}: {why}; {CONTINUES}") from error
+    except (OSError, TimeoutError, CancelledError) as error:
+        why = f"the scheduler or its last worker is lost ({type(error).__name__})"
+        raise MiniloopError(f"--cluster {address}: {why}; {CONTINUES}") from error
 
 
 @contextmanager

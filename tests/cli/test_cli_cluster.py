@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import cluster_work
@@ -12,7 +13,7 @@ import pytest
 from command_line import ROOT, command, differing, environment, run_process
 
 from miniloop_cli import cluster as cluster_module
-from miniloop_cli.cluster import connected
+from miniloop_cli.cluster import Cluster, connected
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.parallel import Workers
 
@@ -42,7 +43,7 @@ def dask(tmp_path, shared):
         address = json.loads(file.read_text())["address"]
         with connected(address) as found:
             found.client.wait_for_workers(2, timeout=60)
-        yield address, processes[1:]
+        yield address, processes[1:], processes[0]
     finally:
         for process in processes:
             process.kill()
@@ -51,7 +52,7 @@ def dask(tmp_path, shared):
 
 
 def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recording, registered, shared, tmp_path):
-    address, workers = dask
+    address, workers, _ = dask
     output = tmp_path / "results"
     arguments = command("register", recording, "-o", output, "--cluster", address, "--fresh", "-v")
     environ = environment(MINILOOP_CACHE=tmp_path / "cache")
@@ -68,7 +69,7 @@ def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recor
 
 
 def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
-    address, processes = dask
+    address, processes, _ = dask
     with connected(address) as cluster:
         work = Workers(cluster=cluster).spread(cluster_work.die_once, tmp_path / "died", range(60), "squaring", 60)
         assert list(work) == [item**2 for item in range(60)]
@@ -97,3 +98,46 @@ def test_without_dask_the_way_to_get_it_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MiniloopError, match=r"pip install 'miniloop\[cluster\]'"), connected("tcp://127.0.0.1:1"):
         pass
+
+
+@pytest.mark.parametrize("lost", ["scheduler", "workers"])
+def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
+    dask, recording, registered, shared, tmp_path, lost
+):
+    """Where the last worker dies between two pieces of work the run waits for another, and can be interrupted."""
+    address, workers, scheduler = dask
+    output, environ = tmp_path / "results", environment(MINILOOP_CACHE=tmp_path / "cache")
+    arguments = ["register", recording, "-o", output]
+    with subprocess.Popen(
+        command(*arguments, "--cluster", address, "-v"), stderr=subprocess.PIPE, text=True, env=environ, cwd=shared
+    ) as run:
+        said = []
+        for line in run.stderr:
+            said.append(line)
+            if line.startswith("matching ..."):
+                for process in workers if lost == "workers" else [scheduler]:
+                    process.kill()
+                killer = threading.Timer(15, run.terminate)
+                killer.start()
+    killer.cancel()
+    assert run.returncode in (1, 130), "".join(said)
+    words = ("is lost", "died over the same work") if run.returncode == 1 else ("interrupted",)
+    assert any(word in said[-1] for word in words), "".join(said)
+    assert "Traceback" not in "".join(said)
+    assert run_process(*arguments, "-q", cwd=shared, MINILOOP_CACHE=tmp_path / "cache").returncode == 0
+    assert differing(registered.folder, output) == []
+
+
+def test_a_worker_that_leaves_while_it_is_sent_something(monkeypatch):
+    """The scheduler answers with a KeyError then; the others are sent it again."""
+    joblib, sent = pytest.importorskip("joblib"), []
+
+    def parallel_config(*_, scatter, **__):
+        sent.append(scatter)
+        if len(sent) < 3:
+            raise KeyError("tcp://127.0.0.1:41279")
+        return "held"
+
+    monkeypatch.setattr(joblib, "parallel_config", parallel_config)
+    assert Cluster(None)._holding(["package"]) == "held"
+    assert len(sent) == 3
