@@ -42,7 +42,7 @@ class Bundle:
         self._table, self._block = self.system.table(), self.system.block_of(edges.i, edges.j)
         # Tracks are cut where the work (the square of the length) is even.
         length = np.diff(obs.start)
-        chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 1, _CHUNKS))
+        chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 2, _CHUNKS))
         work = np.concatenate([[0], np.cumsum(length * (length + 5))])
         cuts = np.searchsorted(work, work[-1] * np.arange(chunks + 1) / chunks)
         cuts[-1] = len(length)
