@@ -210,7 +210,9 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
     """
     path = preset_path(str(config)) if str(config) in PRESETS else Path(config)
     if not path.is_file():
-        raise ConfigError(f"no settings '{config}': give one of {', '.join(PRESETS)} or a YAML file")
+        near = difflib.get_close_matches(str(config), PRESETS, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"give one of {', '.join(PRESETS)} or a YAML file"
+        raise ConfigError(f"no settings '{config}'; {hint}")
     try:
         data = load_plain(path.read_text(encoding="utf-8")) or {}
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

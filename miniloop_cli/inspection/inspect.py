@@ -163,18 +163,24 @@ def _geometry(sequence: Sequence, sample: dict[int, Scan], rng: Generator, read:
 def _explained(sequence: Sequence, cache: FeatureCache, pairs: list[MatchedPair]) -> dict[str, Any]:
     """How large a share of what colour sees as one motion the depth of a frame explains, and where it does not.
 
-    A frame that stands out after one look gets more looks, at its neighbours, before it is named.
+    A frame that stands out after one look gets more looks, at its neighbours, before it is named. Blur and fast motion
+    spoil a pair from both sides; only where the depth of the other frame explains the same matches is it the depth.
     """
     shares: dict[int, list[float]] = {}
+    behind: dict[int, list[float]] = {}  # by how much the frame's depth explains less than that of the other frame
 
     def add(pair: MatchedPair | None) -> None:
-        share = resection(pair, sequence.camera)[1] if pair else float("nan")
-        if pair and np.isfinite(share):
-            shares.setdefault(pair.i, []).append(share)
+        if pair is None:
+            return
+        one, other = (resection(p, sequence.camera)[1] for p in (pair, pair.reversed()))
+        for index, share, gap in ((pair.i, one, other - one), (pair.j, other, one - other)):
+            if np.isfinite(share):
+                shares.setdefault(index, []).append(share)
+            if np.isfinite(gap):
+                behind.setdefault(index, []).append(gap)
 
     for pair in pairs:
         add(pair)
-        add(pair.reversed())
     if not shares:
         return {"median": None, "odd_frames": []}
     each = np.array([np.median(values) for values in shares.values()])
@@ -184,5 +190,9 @@ def _explained(sequence: Sequence, cache: FeatureCache, pairs: list[MatchedPair]
         for other in (index - 2, index - 1, index + 1, index + 2):
             if 0 <= other < len(sequence.frames):
                 add(match_frames(cache, index, other))
-    odd = [i for i, values in sorted(shares.items()) if len(values) > 1 and np.median(values) < limit]
+    odd = [
+        index
+        for index, values in sorted(shares.items())
+        if len(values) > 1 and np.median(values) < limit and np.median(behind.get(index, [0.0])) > ODD
+    ]
     return {"median": middle, "odd_frames": odd}
