@@ -287,3 +287,15 @@ def test_command_offers_what_the_settings_know():
         SimulationSettings(scene="rom")
     with pytest.raises(ConfigError, match="frames must be from 1 to 100000, not 0"):
         SimulationSettings(frames=0)
+
+
+def test_a_texture_does_not_slide_over_its_surface_with_the_distance():
+    """Every level of a pyramid is half of the one before: an edge at texel x is at x / 2^k in level k."""
+    image = np.zeros((333, 1287, 3), np.uint8)
+    image[:, 1264:] = 200
+    scene = Scene()
+    scene.add_texture(image, 280.0)
+    for level, texels in enumerate(scene.pyramids[0]):
+        assert texels.shape[1] * 2**level == scene.pyramids[0][0].shape[1]
+        assert 1264 / 2**level == 1 + np.flatnonzero(texels[0, :, 0] < 100)[-1]
+    assert np.array_equal(scene.pyramids[0][0][:333, :1287], image)

@@ -38,10 +38,13 @@ class Scene:
         """Store an image with its pyramid; returns its number."""
         import cv2
 
-        levels = [image]
+        # Every level must be exactly half of the one before, or the texture slides over its surface with the distance.
+        h, w = image.shape[:2]
+        side = 1 << (LEVELS - 1)
+        levels = [cv2.copyMakeBorder(image, 0, -h % side, 0, -w % side, cv2.BORDER_REPLICATE)]
         for _ in range(LEVELS - 1):
             h, w = levels[-1].shape[:2]
-            levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
+            levels.append(cv2.resize(levels[-1], (w // 2, h // 2), interpolation=cv2.INTER_AREA))
         self.pyramids.append(levels)
         self.texel_per_m.append(texel_per_m)
         return len(self.pyramids) - 1
