@@ -154,8 +154,9 @@ def recording_and_result(folder: Path) -> tuple[Path, Path]:
 def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
     from miniloop_cli.config import load_settings
+    from miniloop_cli.priors import read_priors
     from miniloop_cli.scans import open_sequence, read_ground_truth, read_trajectory
-    from miniloop_cli.scans.images import read_color, read_depth, read_header
+    from miniloop_cli.scans.images import read_color, read_depth, read_header, read_mask
     from miniloop_cli.scans.intrinsics import load_camera
 
     configs = [path.read_bytes() for path in sorted((ROOT / "configs").glob("*.yaml"))]
@@ -184,12 +185,16 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
 
         return use
 
+    sequence, poses = open_sequence(room), (room / "groundtruth.txt").read_bytes()[:900].rpartition(b"\n")[0]
+    stamps = [f"{frame.timestamp_s:.6f}" for frame in sequence.frames]
+    gravity = "\n".join(["# timestamp ax ay az", *(f"{stamp} 0.1 -9.8 0.3" for stamp in stamps)]).encode()
     return {
+        "gravity": Target([gravity], file(lambda path: read_priors(sequence, gravity=path))),
+        "init": Target([poses], file(lambda path: read_priors(sequence, poses=path))),
+        "mask": Target(images, file(read_mask)),
         "rgb.txt": Target(tables, sequence_with("rgb.txt")),
         "depth.txt": Target(tables, sequence_with("depth.txt")),
-        "groundtruth.txt": Target(
-            [(room / "groundtruth.txt").read_bytes()[:900].rpartition(b"\n")[0]], file(read_trajectory)
-        ),
+        "groundtruth.txt": Target([poses], file(read_trajectory)),
         "camera.yaml": Target([(room / "camera.yaml").read_bytes()], file(load_camera)),
         "settings": Target(configs, file(load_settings, "input.yaml")),
         "colour": Target(images, file(read_color)),
