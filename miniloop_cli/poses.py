@@ -58,37 +58,43 @@ def average(
     """Poses of all scans by motion averaging, and the edges, those that were found false rejected with the reason.
 
     Edges that do not close the loops they lie on do not take part at first. Those that agree with the result of the
-    others, or join what the others leave apart, come back.
+    others, or join what the others leave apart, come back; not those of scans that were found to follow what moves.
     """
     witness = witness if settings.min_alike > 0 else None
     edges = examined(edges, witness, settings.min_alike) if witness else list(edges)
     if settings.rotations == "robust":
         first = without_doubtful(edges, count, settings)
-        poses, judged = _settled(first, count, settings, witness)
+        poses, judged, moving = _settled(first, count, settings, witness)
         now = _against(edges, poses, settings)
-        back = [n if e is not f else g for e, f, g, n in zip(edges, first, judged, now, strict=True)]
+        back = [
+            n if e is not f and not {e.i, e.j} & moving else g
+            for e, f, g, n in zip(edges, first, judged, now, strict=True)
+        ]
         if not _changed(judged, back):
             return poses, back
         edges = back
-    return _settled(edges, count, settings, witness)
+    return _settled(edges, count, settings, witness)[:2]
 
 
 def _settled(
     edges: Sequence[Edge], count: int, settings: Averaging, witness: Witness | None
-) -> tuple[Poses, list[Edge]]:
-    """Averaging and dropping what contradicts, repeated until none is dropped (at most five times)."""
-    edges = list(edges)
+) -> tuple[Poses, list[Edge], set[int]]:
+    """Averaging and dropping what contradicts, repeated until none is dropped (at most five times).
+
+    Also returned: the scans of components that were found not to be one world.
+    """
+    edges, moving = list(edges), set[int]()
     for _ in range(5):
         edges = confirmed(edges, count, settings.min_alone)
         poses = _average_components(used(edges, count), count, settings)
         judged = _against(edges, poses, settings)
         if witness and not _changed(edges, judged):
-            judged = _looked_at(judged, poses, witness, settings.min_alike)
+            judged = _looked_at(judged, poses, witness, settings.min_alike, moving)
         if not _changed(edges, judged):
-            return poses, judged
+            return poses, judged, moving
         edges = judged
     edges = confirmed(edges, count, settings.min_alone)
-    return _average_components(used(edges, count), count, settings), edges
+    return _average_components(used(edges, count), count, settings), edges, moving
 
 
 def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
@@ -151,11 +157,11 @@ def _changed(before: Sequence[Edge], after: Sequence[Edge]) -> bool:
     return any(a.verdict != b.verdict for a, b in zip(before, after, strict=True))
 
 
-def _looked_at(edges: Sequence[Edge], poses: Poses, witness: Witness, min_alike: float) -> list[Edge]:
+def _looked_at(edges: Sequence[Edge], poses: Poses, witness: Witness, min_alike: float, moving: set[int]) -> list[Edge]:
     """The edges, those rejected whose scans, by their poses, lie over others that look different.
 
-    If that is true of a whole component, its edges follow something that moves, or a pattern; if it is true of a scan,
-    the edges of this scan are wrong.
+    If that is true of a whole component, its edges follow something that moves, or a pattern, and its scans are added
+    to `moving`; if it is true of a scan, the edges of this scan are wrong.
     """
     reason: dict[int, str] = {}
     for component in range(poses.component.max(initial=-1) + 1):
@@ -164,6 +170,7 @@ def _looked_at(edges: Sequence[Edge], poses: Poses, witness: Witness, min_alike:
         said = witness.says(pairs, T_j_i)
         if share(said.sum(axis=0)) < MIN_WORLD:
             part = f"{100 * share(said.sum(axis=0)):.0f} % of what {len(scans)} scans see twice looks alike"
+            moving |= set(scans.tolist())
             reason |= dict.fromkeys(scans.tolist(), f"only {part}: something moves, or places were confused")
             continue
         of_scan = np.zeros((len(poses.component), 2), np.int64)

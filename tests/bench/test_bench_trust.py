@@ -68,6 +68,7 @@ def test_errors_in_sigmas_are_normal_for_noise_that_is_as_promised(rng):
         ("pure rotation", 10),
         ("repeated texture", 10),
         ("no texture", 16),
+        ("moving person", 16),
         ("two rooms", 16),
         ("three frames", 3),
     ],
