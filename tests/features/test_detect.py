@@ -34,6 +34,17 @@ def test_features_are_found_again_in_a_shifted_image(picture, kind):
     assert good.mean() > 0.9
 
 
+@pytest.mark.parametrize("kind", ["sift", "rootsift"])
+def test_sift_lies_where_the_blob_is(kind):
+    y, x = np.mgrid[:120, :160]
+    off = []
+    for centre in np.random.default_rng(1).uniform((70, 50), (90, 70), (20, 2)):
+        blob = 60 + 150 * np.exp(-((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / 18)
+        px = detect(np.rint(blob).astype(np.uint8), kind, 100).px
+        off.append(px[np.linalg.norm(px - centre, axis=1).argmin()] - centre)
+    np.testing.assert_allclose(np.mean(off, axis=0), 0, atol=0.03)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_strongest_come_first_and_not_too_many(picture, kind):
     found = detect(picture, kind, 50)
