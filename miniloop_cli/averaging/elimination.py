@@ -149,7 +149,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     return order, start, row[:total], entry[:total], D
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True)
 def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats, y: Floats) -> None:
     """z = inverse of L D L' times r, both (n, 3), up to a constant; `y` (n, 3) is room to work in."""
     n = len(order)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.ransac.edge_system import MATH
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.system import compose_into
 
@@ -13,10 +14,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win
-MATH = {"nnan", "ninf", "nsz", "arcp", "contract", "reassoc"}
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
+@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
 def score(T: Floats, matches: Packed, inverse_gate2: Floats, first: int, last: int, soft: float, bound: float) -> float:
     """Truncated cost of the matches [first, last) under the pose T (3, 4); stops once it exceeds `bound`.
 
@@ -42,7 +42,7 @@ def score(T: Floats, matches: Packed, inverse_gate2: Floats, first: int, last: i
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
 def score_cycle(
     T: Floats, matches: Packed, inverse_gate2: Floats, soft: float, bound: float, floors: Floats, closing: Floats
 ) -> float:
@@ -72,7 +72,7 @@ def score_cycle(
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=MATH)
 def best_of(
     T: Floats, counts: Ints, matches: Packed, inverse_gate2: Floats, soft: float, floors: Floats, best: Floats
 ) -> float:

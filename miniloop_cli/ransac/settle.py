@@ -7,14 +7,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.ransac.matches import Packed
-from miniloop_cli.ransac.system import CAUCHY2, OPTIONS, carry, compose_into, gauss_newton
+from miniloop_cli.ransac.system import CAUCHY2, WHOLE, carry, compose_into, gauss_newton
 
 Floats = NDArray[np.float64]
 
 STEPS = 8
 
 
-@njit(**OPTIONS)
+@njit(**WHOLE)
 def mahalanobis2(poses: Floats, matches: Packed, out: Floats) -> None:
     """out (N,) = r^T S^-1 r of each match, r = T p - q, S = CQ + R CP R^T; infinite where S is singular.
 

@@ -20,7 +20,10 @@ Floats = NDArray[np.float64]
 
 
 CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of every fit
-OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": MATH, "error_model": "numpy"}
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+# Only for what Python calls, with all it calls inlined: of other functions there are several compiled copies, and fast
+# math would let them differ in last digits.
+WHOLE: dict[str, Any] = {**OPTIONS, "fastmath": MATH}
 
 
 @njit(**OPTIONS)
@@ -114,7 +117,7 @@ def cholesky_solve(A: Floats, b: Floats) -> bool:
     return True
 
 
-@njit(**OPTIONS, inline="always")
+@njit(**WHOLE, inline="always")
 def cycle_system(
     T: Floats,
     matches: Packed,
@@ -180,7 +183,7 @@ def cycle_system(
     return cost
 
 
-@njit(**OPTIONS)
+@njit(**WHOLE)
 def gauss_newton(
     T: Floats,
     matches: Packed,

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Motion = tuple[float, ...]
 Point = tuple[float, float, float]
-# Sums may be reassociated, but NaN and infinity keep their meaning: degenerate samples are told by them.
-FAST = {"contract", "reassoc", "nsz", "arcp"}
-OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FAST}
+# No fast math: of functions that call each other there are several compiled copies, in which it would give different
+# last digits; and degenerate samples are told by NaN and infinity.
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 # A baseline shorter than this share of the coordinates is no axis: its direction would be rounding.
 SHORTEST_BASELINE = 1e-10
 # Below this a length is zero and gives no direction.

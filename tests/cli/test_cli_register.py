@@ -88,6 +88,16 @@ def test_same_bytes_with_any_number_of_threads(registered, recording, tmp_path, 
     assert differing(registered.folder, tmp_path / "out") == []
 
 
+@pytest.mark.slow
+def test_the_run_that_compiles_gives_the_same_bytes(registered, recording, tmp_path):
+    """What is compiled in a process and what is loaded from disk are not the same copies of a function."""
+    variables = {"MINILOOP_CACHE": tmp_path / "cache", "NUMBA_CACHE_DIR": tmp_path / "kernels"}
+    done = run_process("register", recording, "-o", tmp_path / "out", "-j", 1, cwd=tmp_path, **variables)
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "kernels").rglob("*.nbc"))
+    assert differing(registered.folder, tmp_path / "out") == []
+
+
 @pytest.mark.parametrize(("stage", "number"), [("features", signal.SIGKILL), ("matches", signal.SIGINT)])
 def test_stopped_in_the_middle_the_same_command_continues(registered, recording, tmp_path, stage, number):
     cache, output = tmp_path / "cache", tmp_path / "out"

@@ -13,7 +13,7 @@ NOTHING = -1
 MIN_HIT_M = 1e-3
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True)
 def _hit_box(o: Array, d: Array, half: Array, within: bool) -> tuple[float, int, int]:
     """Distance, axis and side (0 low, 1 high) at which o + t d, in the frame of the box, meets it; 1e30 if never."""
     near, far = -1e30, 1e30
@@ -36,7 +36,7 @@ def _hit_box(o: Array, d: Array, half: Array, within: bool) -> tuple[float, int,
     return (near if near > MIN_HIT_M else 1e30), near_axis, near_side
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True)
 def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float, weight: float, rgb: Array) -> None:
     """Add the bilinear colour at (x, y), pixels of the finest level, of one level (offset, width, height) to rgb."""
     offset, width, height = level
