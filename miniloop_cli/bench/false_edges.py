@@ -70,7 +70,8 @@ def true_graph(folder: Path, max_frames: int | None, seed: int, workers: Workers
     features = [scan.features for scan in run.scans]
     points = [scan_points(found, sequence.camera) for found in features]
     steps = steps_m(features, points, sequence.camera.width, load_settings(), workers)
-    outline = [found.outline for found in features]
+    # Edges get the matches of others: the rows of those name other features here, and say nothing of outlines.
+    outline = [np.zeros(max(map(len, features)), bool)] * len(features)
     witness = Witness([scan.view for scan in run.scans], points, outline, steps, sequence.camera)
     inside = [e for e in edges if e.i in pieces[-1]]
     return TrueGraph(sequence.name, inside, np.array(sorted(pieces[-1])), T, witness)

@@ -58,7 +58,7 @@ def one_line(done, status=1):
         (("register", "empty"), "empty is empty"),
         (("register", "file"), "file is not a folder"),
         (("register", "letters"), "no layout known here"),
-        (("register", "room", "--config", "papr"), "give one of default, paper"),
+        (("register", "room", "--config", "papr"), "did you mean 'paper'?"),
         (("register", "room", "--config", "wrong.yaml"), "did you mean 'matching.ratio'?"),
         (("register", "room", "--set", "features.coutn=9"), "did you mean 'features.count'?"),
         (("register", "room", "--set", "features.count=-1"), "--set: setting 'features.count': must be greater"),
