@@ -19,6 +19,7 @@ from clock import arguments, write_poses, write_result
 from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder
+from miniloop_cli.average import average
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.bench.averaging_peers import gtsam_rotations, pycolmap_rotations
 from miniloop_cli.bench.view_graphs import ViewGraph
@@ -27,7 +28,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import VERIFIED, Edge, judge
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
-from miniloop_cli.poses import average, components
+from miniloop_cli.poses import components
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.scans import open_sequence
 

@@ -43,13 +43,14 @@ def compile_ahead() -> subprocess.Popen[bytes] | None:
 
 def rehearse() -> None:
     """Run refinement, averaging and the solution of edges, in this order, on scans of a made-up cloud of points."""
+    from miniloop_cli.average import average
     from miniloop_cli.config import Settings
     from miniloop_cli.features.lift import ScanFeatures
     from miniloop_cli.geometry import se3
     from miniloop_cli.graph.edges import VERIFIED, Edge, solve_edges
     from miniloop_cli.graph.overlap import scan_points
     from miniloop_cli.parallel import Workers
-    from miniloop_cli.poses import Poses, average
+    from miniloop_cli.poses import Poses
     from miniloop_cli.refine import Scans, refine
     from miniloop_cli.scans.camera import Camera
 

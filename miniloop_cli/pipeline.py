@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, fingerprint
+from miniloop_cli.average import average
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import RegistrationError
 from miniloop_cli.features.detect import compact
@@ -28,7 +29,7 @@ from miniloop_cli.graph.rough import rough_pairs
 from miniloop_cli.graph.second_round import replaced, second_round
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers, single_inner_threads
-from miniloop_cli.poses import Poses, average
+from miniloop_cli.poses import Poses
 from miniloop_cli.priors import Priors
 from miniloop_cli.refine import Scans, refine
 from miniloop_cli.refinement.timing import Timing

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.average import average
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Settings, load_settings
 from miniloop_cli.files import atomic_write
@@ -20,7 +21,7 @@ from miniloop_cli.graph.overlap import Pair
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers
-from miniloop_cli.poses import Poses, average
+from miniloop_cli.poses import Poses
 
 Row = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.average import average
 from miniloop_cli.bench.averaging import errors
 from miniloop_cli.bench.false_edges import KINDS, Floats, TrueGraph, with_false_edges
 from miniloop_cli.bench.view_graphs import ViewGraph
@@ -18,7 +19,7 @@ from miniloop_cli.evaluation.alignment import umeyama
 from miniloop_cli.files import atomic_write
 from miniloop_cli.graph.edges import REJECTED, Edge
 from miniloop_cli.graph.witness import Witness
-from miniloop_cli.poses import average, used
+from miniloop_cli.poses import used
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 
 Row = dict[str, Any]

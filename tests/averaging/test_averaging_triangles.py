@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from miniloop_cli.average import average
 from miniloop_cli.averaging.rows import rows
 from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.config import Averaging
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
-from miniloop_cli.poses import average
 
 NEAR = (float(np.cos(np.radians(5) / 2)), 0.1**2)
 
