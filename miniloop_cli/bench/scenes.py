@@ -15,7 +15,7 @@ from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, wi
 from miniloop_cli.config import load_settings
 from miniloop_cli.errors import ConfigError, RegistrationError
 from miniloop_cli.evaluation.association import associate
-from miniloop_cli.export.results import reason
+from miniloop_cli.export.tables import reason
 from miniloop_cli.files import atomic_write
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration, register

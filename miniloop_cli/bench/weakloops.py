@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +136,7 @@ def weak_loop_rows(
                 loops = draw_loops(overlaps, kind, partners, most, np.random.default_rng([seed, k, p]))
                 solved = list(
                     workers.map(
-                        lambda loop: solve_loop(loop, overlaps, hypotheses, seed),  # noqa: B023
+                        partial(solve_loop, overlaps=overlaps, hypotheses=hypotheses, seed=seed),
                         loops,
                         f"{overlaps.name}: {kind} edges, {partners} partners",
                         len(loops),

@@ -139,7 +139,8 @@ def print_summary(run: Registration, folder: Path) -> None:
     """What was found, as a table that fits 80 columns."""
     import numpy as np
 
-    from miniloop_cli.export.results import reason, summary
+    from miniloop_cli.export.results import summary
+    from miniloop_cli.export.tables import reason
     from miniloop_cli.report.verdict import runs
 
     numbers, seconds = summary(run), run.timings_s

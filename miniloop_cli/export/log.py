@@ -9,7 +9,8 @@ import numpy as np
 import yaml
 
 from miniloop_cli.errors import printable
-from miniloop_cli.export.results import reason, versions
+from miniloop_cli.export.results import versions
+from miniloop_cli.export.tables import reason
 from miniloop_cli.files import atomic_write
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.report.data import load

@@ -16,7 +16,7 @@ import numpy as np
 
 from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.ply import read_ply
-from miniloop_cli.export.results import reason
+from miniloop_cli.export.tables import reason
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.files import temporary_name
 from miniloop_cli.graph.edges import VERIFIED, Edge
