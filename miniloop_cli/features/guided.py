@@ -96,10 +96,8 @@ def guided_match(
 def _direction(
     a: Searchable, b: Searchable, T_b_a: Floats, camera: Camera, radius_px: float, max_distance2: float
 ) -> Ints:
-    lens, noise = (
-        (camera.fx, camera.fy, camera.cx, camera.cy),
-        (camera.noise.a_m, camera.noise.b_per_m, camera.noise.z0_m),
-    )
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy)
+    noise = (camera.noise.a_m, camera.noise.b_per_m, camera.noise.z0_m)
     return search_windows(
         a.p_cam, T_b_a, lens, noise, a.descriptors, b.features.px_ideal, b.features.z_m, b.descriptors, b.order,
         b.start, _columns(camera), radius_px, max_distance2,
@@ -127,8 +125,7 @@ def search_windows(
     lens: fx fy cx cy; noise of a depth reading: a_m, b_per_m, z0_m (see DepthNoise).
     """
     rows = (start.shape[0] - 1) // columns
-    found = np.full(p_a.shape[0], -1)
-    T = T_b_a
+    found, T = np.full(p_a.shape[0], -1), T_b_a
     for k in range(p_a.shape[0]):
         x, y, z = p_a[k, 0], p_a[k, 1], p_a[k, 2]
         depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
@@ -136,15 +133,15 @@ def search_windows(
             continue
         u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
         v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
-        if not (-radius_px <= u <= columns * CELL_PX + radius_px and -radius_px <= v <= rows * CELL_PX + radius_px):
-            continue
         left, right = int(np.floor((u - radius_px) / CELL_PX)), int(np.floor((u + radius_px) / CELL_PX))
         top, bottom = int(np.floor((v - radius_px) / CELL_PX)), int(np.floor((v + radius_px) / CELL_PX))
+        if right < 0 or bottom < 0 or left >= columns or top >= rows:
+            continue
         tolerance_m = 6 * (noise[0] + noise[1] * (depth - noise[2]) ** 2) + 0.05 * depth
         best, which = max_distance2, -1
         for row in range(max(top, 0), min(bottom, rows - 1) + 1):
-            first = start[row * columns + min(max(left, 0), columns - 1)]
-            last = start[row * columns + max(min(right, columns - 1), 0) + 1]
+            first = start[row * columns + max(left, 0)]
+            last = start[row * columns + min(right, columns - 1) + 1]
             for at in range(first, last):
                 b = order[at]
                 if (px_b[b, 0] - u) ** 2 + (px_b[b, 1] - v) ** 2 > radius_px * radius_px:

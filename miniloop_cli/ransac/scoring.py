@@ -6,9 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from miniloop_cli.ransac.edge_system import MATH
 from miniloop_cli.ransac.matches import Packed
-from miniloop_cli.ransac.system import compose_into
+from miniloop_cli.ransac.system import WHOLE, compose_into
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,7 +15,7 @@ Ints = NDArray[np.int64]
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
+@njit(**WHOLE, inline="always")
 def score(T: Floats, matches: Packed, inverse_gate2: Floats, first: int, last: int, soft: float, bound: float) -> float:
     """Truncated cost of the matches [first, last) under the pose T (3, 4); stops once it exceeds `bound`.
 
@@ -42,7 +41,7 @@ def score(T: Floats, matches: Packed, inverse_gate2: Floats, first: int, last: i
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
+@njit(**WHOLE, inline="always")
 def score_cycle(
     T: Floats, matches: Packed, inverse_gate2: Floats, soft: float, bound: float, floors: Floats, closing: Floats
 ) -> float:
@@ -72,7 +71,7 @@ def score_cycle(
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
+@njit(**WHOLE)
 def best_of(
     T: Floats, counts: Ints, matches: Packed, inverse_gate2: Floats, soft: float, floors: Floats, best: Floats
 ) -> float:

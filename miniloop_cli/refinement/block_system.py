@@ -62,7 +62,7 @@ class BlockSystem:
             return x
         found = self._by_gradients(blocks[self._kept], b) if len(b) > _DENSE_UP_TO else None
         if found is None:
-            found = cho_solve((self._dense(blocks), False), b.ravel(), check_finite=False).reshape(-1, 6)
+            found = cho_solve((self._dense(blocks), True), b.ravel(), check_finite=False).reshape(-1, 6)
         x[self.free] = found
         return x
 
@@ -72,7 +72,7 @@ class BlockSystem:
 
         Z = np.zeros((self.n, 6, 6))
         if self._is_dense and len(self.free):
-            inverse = dpotri(self._dense(blocks).T, lower=1, overwrite_c=1)[0]
+            inverse = dpotri(self._dense(blocks), lower=1, overwrite_c=1)[0]
             k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)
             Z[self.free] = inverse[k[:, :, None], k[:, None, :]]
             Z = np.tril(Z) + np.tril(Z, -1).transpose(0, 2, 1)
@@ -118,11 +118,11 @@ class BlockSystem:
         return BlockPattern(len(self.free), self._r, self._c)
 
     def _dense(self, blocks: Array) -> Array:
-        """Upper Cholesky factor (6m, 6m) of the kept blocks."""
+        """Lower Cholesky factor (6m, 6m) of the kept blocks, in LAPACK's order."""
         from scipy.linalg import cholesky
 
         m = len(self.free)
         M = np.zeros((m, 6, m, 6))
         M[self._r, :, self._c, :] = blocks[self._kept]  # the lower triangle is never read
         # To LAPACK the transpose of an array in C order is one in its own order, which spares it a copy.
-        return cholesky(M.reshape(6 * m, 6 * m).T, lower=True, overwrite_a=True, check_finite=False).T
+        return cholesky(M.reshape(6 * m, 6 * m).T, lower=True, overwrite_a=True, check_finite=False)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
 from miniloop_cli.files import atomic_write
-from miniloop_cli.inspection.findings import Finding
-from miniloop_cli.inspection.inspect import inspect
 from miniloop_cli.report import sections
 from miniloop_cli.report.data import ReportData, load
 from miniloop_cli.report.verdict import GOOD, judge
 from miniloop_cli.scans import read_ground_truth
 from miniloop_cli.scans.sequence import Sequence, Trajectory
+
+if TYPE_CHECKING:
+    from miniloop_cli.inspection.findings import Finding
 
 # The page may use what it carries and nothing else, so that it shows the same everywhere and tells nobody.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
@@ -69,11 +71,12 @@ def causes(data: ReportData) -> tuple[Finding, ...]:
     """What `miniloop inspect` finds wrong with the recording, with the camera of this run; nothing without it."""
     if data.sequence is None:
         return ()
+    from miniloop_cli.inspection.inspect import inspect
+
     seed = data.summary.get("seed")
+    rng = np.random.default_rng(seed if isinstance(seed, int) and seed >= 0 else 0)
     try:
-        found = inspect(
-            data.sequence, np.random.default_rng(seed if isinstance(seed, int) and seed >= 0 else 0)
-        ).findings
+        found = inspect(data.sequence, rng).findings
     except MiniloopError:
         return ()
     return tuple(finding for finding in found if finding.level != "note")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.inspection.findings import Finding
 from miniloop_cli.report.data import Edges, ReportData
+
+if TYPE_CHECKING:
+    from miniloop_cli.inspection.findings import Finding
 
 GOOD, PARTLY, FAILED = "good", "partly", "failed"
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
