@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.average import average
+from miniloop_cli.averaging.graph import components
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.bench.averaging_peers import gtsam_rotations, pycolmap_rotations
 from miniloop_cli.bench.view_graphs import ViewGraph
@@ -28,7 +29,6 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import VERIFIED, Edge, judge
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
-from miniloop_cli.poses import components
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.scans import open_sequence
 
@@ -86,7 +86,7 @@ def main() -> None:
     sequence, settings = open_sequence(options.sequence), load_settings(overrides=("refine=none",))
     run = register(sequence, settings, Store(default_folder()), Workers(), options.seed)
     edges = [e for e in (judge(edge, settings.verification) for edge in run.edges) if e.verdict == VERIFIED]
-    scans = components(edges, len(sequence.frames))[0]
+    scans = np.flatnonzero(components(len(sequence.frames), [(e.i, e.j) for e in edges]) == 0).tolist()
     place = {scan: k for k, scan in enumerate(scans)}
     edges = [replace(e, i=place[e.i], j=place[e.j]) for e in edges if e.i in place]
     count, pairs = len(scans), np.array([(e.i, e.j) for e in edges])

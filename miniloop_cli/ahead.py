@@ -51,7 +51,8 @@ def rehearse() -> None:
     from miniloop_cli.graph.overlap import scan_points
     from miniloop_cli.parallel import Workers
     from miniloop_cli.poses import Poses
-    from miniloop_cli.refine import Scans, refine
+    from miniloop_cli.refine import refine
+    from miniloop_cli.refined import Scans
     from miniloop_cli.scans.camera import Camera
 
     rng, settings, workers = np.random.default_rng(0), Settings(), Workers(1)

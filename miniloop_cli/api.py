@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from miniloop_cli.errors import RegistrationError
 
 if TYPE_CHECKING:
+    from miniloop_cli.artefacts import Store
     from miniloop_cli.config import Settings
     from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
     from miniloop_cli.parallel import Workers
@@ -62,29 +63,30 @@ def register(
         LOG.info("%s", note)
     priors = read_priors(sequence, gravity, init)
     target = Path(output) if output else Path("results") / sequence.name
+    store = Store(default_folder(), fresh)
     if jobs != 1:
         compile_ahead()
     with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
         workers = Workers(jobs, quiet, connection)
         try:
-            run = run_pipeline(sequence, settings, Store(default_folder(), fresh), workers, seed, priors)
+            run = run_pipeline(sequence, settings, store, workers, seed, priors)
         except RegistrationError as error:
             if error.run is None:
                 raise
-            _write(error.run, target, workers, str(error))
+            _write(error.run, target, workers, store, str(error))
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
-        _write(run, target, workers)
+        _write(run, target, workers, store)
     return run
 
 
-def _write(run: Registration, target: Path, workers: Workers, problem: str = "") -> None:
+def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
     """All files of a run; the log before the report, which shows it."""
     from miniloop_cli.export.log import write_log
     from miniloop_cli.export.results import write_results
     from miniloop_cli.report import write_report
 
     LOG.info("writing %s", target)
-    write_results(run, target, workers)
+    write_results(run, target, workers, store)
     write_log(run, target, problem)
     write_report(target, run.sequence)
 

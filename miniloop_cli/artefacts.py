@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -30,7 +30,7 @@ from miniloop_cli.files import atomic_write
 Arrays = Mapping[str, NDArray[Any]]
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
 CHECKSUM_BYTES = 16
-MAKERS = ("scans", "features", "graph", "ransac", "solvers")  # packages whose code decides what an artefact holds
+SHOWING = ("cli", "report", "bench", "inspection", "evaluation")  # packages whose code is in no artefact
 
 
 def default_folder() -> Path:
@@ -59,8 +59,9 @@ def code_version() -> str:
     """Hash of release, libraries and the sources that artefacts are made by: a changed solver finds no old result."""
     package = Path(__file__).parent
     digest = hashlib.blake2b(json.dumps([__version__, library_versions()]).encode(), digest_size=16)
-    for path in sorted(path for folder in MAKERS for path in (package / folder).rglob("*.py")):
-        digest.update(path.read_bytes())
+    for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).parts[0] not in SHOWING:
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -68,6 +69,15 @@ def fingerprint(*parts: Any) -> str:
     """Hash of JSON-able parts and the code's version."""
     text = json.dumps([code_version(), *parts], sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
+    """Hash of the types, shapes and bytes of arrays."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    return digest.hexdigest()
 
 
 def file_fingerprint(path: Path) -> str:

@@ -10,16 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import networkx as nx
 import numpy as np
+from numpy.typing import NDArray
 
+from miniloop_cli.averaging.graph import components
 from miniloop_cli.averaging.rows import rows
 from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.config import Averaging
 from miniloop_cli.graph.edges import REJECTED, Edge
 from miniloop_cli.graph.outlines import by_outlines
 from miniloop_cli.graph.witness import Witness, share
-from miniloop_cli.poses import Poses, average_components, residuals, used
+from miniloop_cli.poses import Poses, average_components, pairs_of, residuals, used
 
 # Share of all that the scans of a component see twice that must look alike: else it is not one world. Sound recordings
 # have 0.91 and more, poses that follow a walking person 0.44 to 0.78.
@@ -76,17 +77,30 @@ def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
     confirmed by anything else.
     """
     inside = used(edges, count)
-    few = {frozenset((edge.i, edge.j)) for edge in inside if edge.inlier_count < least and not edge.confirmed}
-    if not few:
-        return list(edges)
-    loose = few & set(map(frozenset, nx.bridges(nx.Graph((edge.i, edge.j) for edge in inside))))
+    few = np.array([edge.inlier_count < least and not edge.confirmed for edge in inside], bool)
+    pairs = pairs_of(inside)
+    loose = {id(inside[k]) for k in np.flatnonzero(few)[bridges(pairs[few], components(count, pairs[~few]))]}
 
     def judge(edge: Edge) -> Edge:
-        if frozenset((edge.i, edge.j)) not in loose:
+        if id(edge) not in loose:
             return edge
         return rejected(edge, f"{edge.inlier_count} inliers, and no loop confirms it")
 
     return [judge(edge) for edge in edges]
+
+
+def bridges(pairs: NDArray[np.int64], piece: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Which of the edges (m, 2) between scans lie on no loop, where other edges join the scans to pieces (n,)."""
+    ends = np.sort(piece[pairs], axis=1)
+    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    if not len(across):
+        return across
+    import networkx as nx  # most recordings are one piece, and need not wait for it
+
+    joins, which, times = np.unique(ends[across], axis=0, return_inverse=True, return_counts=True)
+    found = set(map(frozenset, nx.bridges(nx.Graph(joins.tolist()))))
+    alone = [times[k] == 1 and frozenset(joins[k].tolist()) in found for k in which.ravel()]
+    return across[alone]
 
 
 def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[Edge]:
@@ -116,7 +130,7 @@ def without_doubtful(edges: Sequence[Edge], count: int, settings: Averaging) -> 
     inside = used(edges, count)
     if not inside:
         return list(edges)
-    pairs, T_j_i = np.array([(e.i, e.j) for e in inside]), np.array([e.T_j_i for e in inside])
+    pairs, T_j_i = pairs_of(inside), np.array([e.T_j_i for e in inside])
     near = (float(np.cos(np.radians(settings.max_residual_deg) / 2)), settings.max_residual_m**2)
     out = {id(e) for e, doubted in zip(inside, doubtful(count, pairs, rows(T_j_i), near), strict=True) if doubted}
     return [rejected(edge, "closes no loops") if id(edge) in out else edge for edge in edges]

@@ -38,6 +38,7 @@ def single_inner_threads() -> Iterator[None]:
     Raises MemoryError where a process may hardly allocate any more: OpenBLAS would ask for ever.
     """
     import cv2
+    import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be there to be held
 
     try:
         mmap.mmap(-1, ROOM_BYTES).close()

@@ -20,7 +20,7 @@ from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.graph.candidates import comparer, listed_pairs, retrieved_pairs
 from miniloop_cli.graph.edges import Edge, solve_edges
-from miniloop_cli.graph.kept import edges_kept, matches_by_chunk, steps_kept
+from miniloop_cli.graph.kept import edges_fingerprint, edges_kept, found_kept, matches_by_chunk, steps_kept
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
 from miniloop_cli.graph.priors import judged_by_priors
 from miniloop_cli.graph.repeats import steps_m
@@ -29,9 +29,9 @@ from miniloop_cli.graph.rough import rough_pairs
 from miniloop_cli.graph.second_round import replaced, second_round
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers, single_inner_threads
-from miniloop_cli.poses import Poses
+from miniloop_cli.poses import Poses, beginning
 from miniloop_cli.priors import Priors
-from miniloop_cli.refine import Scans, refine
+from miniloop_cli.refined import Scans, refined
 from miniloop_cli.refinement.timing import Timing
 from miniloop_cli.scans.sequence import Sequence
 
@@ -92,8 +92,8 @@ def register(
             likely = rough_pairs(priors.T_world_cam, points, sequence.camera, settings.rough)
         matches = _match(features, points, settings, matches_key, store, workers, likely)
     with watch.stage("edges"):
-        solving = [settings.ransac, settings.verification, settings.cycles]
-        edges_key = fingerprint(matches_key, list(matches), [section.model_dump() for section in solving], seed)
+        solving = [section.model_dump() for section in (settings.ransac, settings.verification, settings.cycles)]
+        edges_key = fingerprint(matches_key, list(matches), solving, seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
         edges, notes = judged_by_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
@@ -104,12 +104,20 @@ def register(
             lambda: steps_m(features, points, sequence.camera.width, settings, workers),
         )
         outline = [found.outline for found in features]
-        witness = Witness([scan.view for scan in scans], points, outline, steps, sequence.camera)
+        views = [scan.view for scan in scans]
+        witness = Witness(views, points, outline, steps, sequence.camera, store, features_key)
         poses, edges = average(edges, count, settings.averaging, witness)
         if settings.verification.second_round and len(poses.registered) > 1:
-            found = second_round(edges, poses, features, points, sequence.camera, settings, workers)
-            if found:
-                poses, edges = average(replaced(edges, found), count, settings.averaging, witness)
+            again = [settings.matching.min_matches, settings.bundle.model_dump(), *solving]
+            more = found_kept(
+                fingerprint(features_key, edges_fingerprint(edges), again),
+                store,
+                lambda: second_round(
+                    edges, beginning(edges, count), features, points, sequence.camera, settings, workers
+                ),
+            )
+            if more:
+                poses, edges = average(replaced(edges, more), count, settings.averaging, witness)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
             run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds, notes)
@@ -118,9 +126,9 @@ def register(
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
         depth_stamps = np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in sequence.frames])
         inputs = Scans(features, points, stamps, depth_stamps, sequence.camera)
-        refined = refine(poses, edges, inputs, settings, workers)
+        found = refined(poses, edges, inputs, features_key, settings, store, workers)
     return Registration(
-        sequence, settings, seed, scans, edges, refined.poses, refined.covariance, refined.timing, watch.seconds, notes
+        sequence, settings, seed, scans, edges, found.poses, found.covariance, found.timing, watch.seconds, notes
     )
 
 

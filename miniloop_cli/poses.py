@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.averaging.graph import components
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
@@ -34,25 +34,20 @@ class Poses:
 
 def used(edges: Sequence[Edge], count: int) -> list[Edge]:
     """Verified edges, and the weak ones of scans that would hang on fewer than three."""
-    degree = np.zeros(count, int)
-    for edge in edges:
-        if edge.verdict == VERIFIED:
-            degree[[edge.i, edge.j]] += 1
-    few = degree < FEW_EDGES
+    few = np.bincount(pairs_of([e for e in edges if e.verdict == VERIFIED]).ravel(), minlength=count) < FEW_EDGES
     return [e for e in edges if e.verdict == VERIFIED or (e.verdict == WEAK and (few[e.i] or few[e.j]))]
 
 
-def components(edges: Sequence[Edge], count: int) -> list[list[int]]:
-    """Scans joined by edges, largest component first (ties: the one with the earliest scan), without lone scans."""
-    graph = nx.Graph((edge.i, edge.j) for edge in edges)
-    return sorted((sorted(c) for c in nx.connected_components(graph)), key=lambda c: (-len(c), c[0]))
+def pairs_of(edges: Sequence[Edge]) -> NDArray[np.int64]:
+    """(m, 2) scans i and j of each edge."""
+    return np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2)
 
 
 def residuals(edges: Sequence[Edge], T_world_cam: Floats) -> tuple[Floats, Floats]:
     """Of each edge against the poses: rotation (m,) degrees, translation (m,) metres."""
     if not edges:
         return np.zeros(0), np.zeros(0)
-    i, j = np.array([(e.i, e.j) for e in edges]).T
+    i, j = pairs_of(edges).T
     expected, measured = se3.inverse(T_world_cam[j]) @ T_world_cam[i], np.array([e.T_j_i for e in edges])
     rotation = expected[:, :3, :3] @ np.swapaxes(measured[:, :3, :3], 1, 2)
     return se3.rotation_angle_deg(rotation), np.linalg.norm(expected[:, :3, 3] - measured[:, :3, 3], axis=1)
@@ -60,18 +55,24 @@ def residuals(edges: Sequence[Edge], T_world_cam: Floats) -> tuple[Floats, Float
 
 def average_components(edges: Sequence[Edge], count: int, settings: Averaging) -> Poses:
     """Poses of the scans of every component of these edges, all of which are believed."""
-    T, component = np.tile(np.eye(4), (count, 1, 1)), np.full(count, -1)
-    for number, scans in enumerate(components(edges, count)):
-        members = set(scans)
-        inside = [e for e in edges if e.i in members]
-        component[scans] = number
-        T[scans] = _average_component(inside, scans, settings)
+    T, label = np.tile(np.eye(4), (count, 1, 1)), components(count, pairs_of(edges))
+    component = np.where(np.bincount(label)[label] > 1, label, -1)  # lone scans come last
+    for number in range(component.max(initial=-1) + 1):
+        scans = np.flatnonzero(component == number)
+        T[scans] = _average_component([e for e in edges if component[e.i] == number], scans, settings)
     return Poses(T, component)
 
 
-def _average_component(edges: Sequence[Edge], scans: Sequence[int], settings: Averaging) -> Floats:
-    position = {scan: k for k, scan in enumerate(scans)}
-    pairs = np.array([(position[e.i], position[e.j]) for e in edges])
+def beginning(edges: Sequence[Edge], count: int) -> Poses:
+    """Where a second look and refinement begin: the edges that are used, averaged with the default settings.
+
+    What is made from it then depends on which edges are believed alone, whatever the settings that led to them.
+    """
+    return average_components(used(edges, count), count, Averaging())
+
+
+def _average_component(edges: Sequence[Edge], scans: NDArray[np.int64], settings: Averaging) -> Floats:
+    pairs = np.searchsorted(scans, pairs_of(edges))
     T_j_i = np.array([e.T_j_i for e in edges])
     inliers = np.array([e.inlier_count for e in edges], float)
     robust = settings.rotations == "robust"

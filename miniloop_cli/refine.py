@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +12,18 @@ from scipy.sparse.csgraph import connected_components
 
 from miniloop_cli.config import Settings
 from miniloop_cli.features.guided import guided_matches
-from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import Edge
-from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.graph.overlap import Pair
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
-from miniloop_cli.poses import Poses, used
+from miniloop_cli.poses import Poses
+from miniloop_cli.refined import Refined, Scans
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.calibration import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.posegraph import refine_pose_graph
-from miniloop_cli.refinement.timing import Measurements, Timing
+from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
-from miniloop_cli.scans.camera import Camera
 
 LOG = logging.getLogger("miniloop")
 Floats = NDArray[np.float64]
@@ -33,35 +31,11 @@ MIN_SHARED = 10  # tracks that tie two scans to each other
 COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 
 
-@dataclass(frozen=True)
-class Scans:
-    """What refinement needs of the scans: features, points, stamps of colour and of depth (n,) seconds, the camera."""
+def refine(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
+    """Refined poses of the largest component, by the method of the settings, from the edges used inside of it.
 
-    features: Sequence[ScanFeatures]
-    points: Sequence[ScanPoints]
-    stamps_s: Floats
-    depth_stamps_s: Floats
-    camera: Camera
-
-
-@dataclass(frozen=True)
-class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found.
-
-    Those of a bundle adjustment are widened by COMMON_ERROR, measured on simulated recordings (docs/trust.md).
+    Covariances of a bundle adjustment are widened by COMMON_ERROR, measured on simulated recordings (docs/trust.md).
     """
-
-    poses: Poses
-    covariance: Floats
-    timing: Timing = NO_TIMING
-
-
-def refine(poses: Poses, edges: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
-    """Refined poses of the largest component by the method of the settings."""
-    nothing = np.full((len(scans.features), 6, 6), np.nan)
-    inside = [e for e in used(edges, len(nothing)) if poses.component[e.i] == 0 == poses.component[e.j]]
-    if settings.refine == "none" or not inside:
-        return Refined(poses, nothing)
     if settings.refine == "bundle":
         if len(poses.registered) <= settings.bundle.max_scans:
             bundled = _bundle(poses, inside, scans, settings, workers)

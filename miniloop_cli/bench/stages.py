@@ -64,7 +64,9 @@ class StageClock(logging.Handler):
 
 @dataclass(frozen=True)
 class SessionStore(Store):
-    """Features come from disk and are kept there; all else is made once a session, and kept in memory.
+    """Features come from disk and are kept there; matches and edges are made once a session, and kept in memory.
+
+    What later stages keep is made every time: they would share parts of it, and show less than a run of their own.
 
     `paid`: what each stage took that made its artefacts; `touched`: artefacts that the running stage asked for.
     """
@@ -75,6 +77,8 @@ class SessionStore(Store):
 
     def load(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         """As Store.load."""
+        if kind not in ("features", "matches", "edges"):
+            return None
         self.touched.add((kind, key))
         if kind == "features":
             return super().load(kind, key)
@@ -85,7 +89,7 @@ class SessionStore(Store):
         """As Store.save."""
         if kind == "features":
             super().save(kind, key, arrays)
-        else:
+        elif kind in ("matches", "edges"):
             self.made[kind, key] = arrays
 
 

@@ -16,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from miniloop_cli import __version__
-from miniloop_cli.artefacts import library_versions
+from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint, library_versions
 from miniloop_cli.errors import InputError
 from miniloop_cli.export.cloud import fuse_cloud
 from miniloop_cli.export.g2o import write_g2o
@@ -35,7 +35,7 @@ from miniloop_cli.scans.sequence import Trajectory
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
 
 
-def write_results(run: Registration, folder: Path, workers: Workers) -> None:
+def write_results(run: Registration, folder: Path, workers: Workers, store: Store) -> None:
     """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
 
     A run that registered nothing leaves everything but trajectory, graph and cloud.
@@ -52,7 +52,7 @@ def write_results(run: Registration, folder: Path, workers: Workers) -> None:
     if len(registered):
         _write_graph(run, folder / "graph.g2o")
         begin = time.perf_counter()
-        write_ply(folder / "cloud.ply", *fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m))
+        write_ply(folder / "cloud.ply", *_cloud(run, workers, store))
         run.timings_s["model"] = round(time.perf_counter() - begin, 3)
     with atomic_write(folder / "summary.json") as file:
         json.dump(summary(run), file, indent=1)
@@ -125,6 +125,20 @@ def _write_graph(run: Registration, path: Path) -> None:
         np.array([e.T_j_i for e in edges]).reshape(-1, 4, 4),
         np.array([e.information for e in edges]).reshape(-1, 6, 6),
     )
+
+
+def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
+    scans = run.poses.registered
+    poses = content_fingerprint([scans, run.poses.T_world_cam[scans]])
+    how = [run.settings.cloud.model_dump(), run.settings.depth.model_dump()]
+    key = fingerprint("cloud", [run.scans[k].key for k in scans], poses, how)
+    kept = store.load("cloud", key)
+    if kept is None:
+        points, colors = fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m)
+        kept = {"points": points, "colors": colors}
+        store.save("cloud", key, kept)
+    return kept["points"], kept["colors"]
 
 
 def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:

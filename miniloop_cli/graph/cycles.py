@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import networkx as nx
+from typing import TYPE_CHECKING
 
 from miniloop_cli.graph.exchange import exchange, odd_pairs
 from miniloop_cli.graph.free_edges import Cycle, FreeEdges
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 __all__ = ["Cycle", "decompose"]
 

@@ -1,14 +1,14 @@
-"""Matches, edges and repetitions on disk: lists of arrays packed end to end."""
+"""Matches, edges and what was found by looking at scans, on disk: lists of arrays packed end to end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store, fingerprint
+from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
 from miniloop_cli.graph.edges import Edge
 from miniloop_cli.graph.overlap import Matches, Pair
 
@@ -28,9 +28,13 @@ def matches_by_chunk(
             made = make(chunk)
             kept = _packed_matches(made)
             store.save("matches", chunk_key, kept)
-        rows = np.split(kept["rows"].astype(np.int64), kept["ends"][:-1]) if len(kept["pairs"]) else []
-        found |= {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], rows, strict=True)}
+        found |= _unpacked_matches(kept)
     return found
+
+
+def _unpacked_matches(kept: Mapping[str, NDArray[Any]]) -> Matches:
+    rows = np.split(kept["rows"].astype(np.int64), kept["ends"][:-1]) if len(kept["pairs"]) else []
+    return {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], rows, strict=True)}
 
 
 def _packed_matches(matches: Matches) -> dict[str, NDArray[Any]]:
@@ -50,6 +54,31 @@ def edges_kept(matches: Matches, key: str, store: Store, make: Callable[[], list
         edges = make()
         store.save("edges", edges_key, _packed_edges(edges))
         return edges
+    return _unpacked_edges(kept, matches)
+
+
+def found_kept(key: str, store: Store, make: Callable[[], list[Edge]]) -> list[Edge]:
+    """Edges with matches of their own, as a second round finds them, from the store or made now."""
+    found_key = fingerprint("found", key)
+    kept = store.load("found", found_key)
+    if kept is None:
+        edges = make()
+        store.save("found", found_key, _packed_edges(edges) | _packed_matches(_matches(edges)))
+        return edges
+    return _unpacked_edges(kept, _unpacked_matches(kept))
+
+
+def edges_fingerprint(edges: Sequence[Edge]) -> str:
+    """Hash of the motions, matches and verdicts of edges; not of the words that say why."""
+    packed = _packed_edges(edges) | _packed_matches(_matches(edges))
+    return content_fingerprint(packed[name] for name in sorted(packed.keys() - {"reason", "solver"}))
+
+
+def _matches(edges: Sequence[Edge]) -> Matches:
+    return {(edge.i, edge.j): edge.matches for edge in edges}
+
+
+def _unpacked_edges(kept: Mapping[str, NDArray[Any]], matches: Matches) -> list[Edge]:
     pairs = [(int(i), int(j)) for i, j in kept["pairs"]]
     inliers = np.split(kept["inliers"], np.cumsum([len(matches[pair]) for pair in pairs])[:-1]) if pairs else []
     return [

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +14,9 @@ from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.ransac.consistency import consistent_core
 from miniloop_cli.ransac.estimate import EdgeMatches
 from miniloop_cli.scans.camera import Camera
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Pair = tuple[int, int]
 Matches = dict[Pair, NDArray[np.int64]]
@@ -41,6 +44,8 @@ def scan_points(features: ScanFeatures, camera: Camera) -> ScanPoints:
 
 def overlap_graph(count: int, matches: Mapping[Pair, NDArray[np.int64]]) -> nx.Graph:
     """Nodes 0..count-1, an edge a pair of scans with its number of `matches` (paper, section 4)."""
+    import networkx as nx
+
     graph = nx.Graph()
     graph.add_nodes_from(range(count))
     graph.add_edges_from((i, j, {"matches": len(rows)}) for (i, j), rows in matches.items())

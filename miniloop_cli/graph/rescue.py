@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.free_edges import Cycle, Pair
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Floats = NDArray[np.float64]
 LOOPS = 6  # loops over verified edges that are asked, the strongest first
@@ -39,6 +42,8 @@ class Prediction:
 
 def pose_graph(edges: Iterable[tuple[int, int, Floats, int]]) -> nx.Graph:
     """Verified edges (i, j, T_j_i, inliers), i < j."""
+    import networkx as nx
+
     graph = nx.Graph()
     graph.add_edges_from((i, j, {"T": T, "inliers": inliers}) for i, j, T, inliers in edges)
     return graph
@@ -49,7 +54,7 @@ def predict(graph: nx.Graph, pair: Pair) -> Prediction | None:
     i, j = pair
     if i not in graph or j not in graph:
         return None
-    strength = {k: min(graph[i][k]["inliers"], graph[k][j]["inliers"]) for k in nx.common_neighbors(graph, i, j)}
+    strength = {k: min(graph[i][k]["inliers"], graph[k][j]["inliers"]) for k in sorted(set(graph[i]) & set(graph[j]))}
     between = sorted(strength, key=lambda k: (-strength[k], k))[:LOOPS]
     if not between:
         return None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
 from miniloop_cli.features.view import View
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.alike import agreements
@@ -25,7 +26,7 @@ class Witness:
     """Pictures of the scans, their points and camera.
 
     `outline`: which features of each scan lie on outlines; `step_m` (n,): repetition of each (m), 0 if there is none.
-    Scans that could not be read have no view.
+    Scans that could not be read have no view. Answers are kept in a `store` under the `key` that names the scans.
     """
 
     views: Sequence[View | None]
@@ -33,6 +34,8 @@ class Witness:
     outline: Sequence[NDArray[np.bool_]]
     step_m: Sequence[float]
     camera: Camera
+    store: Store | None = None
+    key: str = ""
     _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before
 
     def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> NDArray[np.int64]:
@@ -41,9 +44,20 @@ class Witness:
         new = [k for k, question in enumerate(questions) if question not in self._said]
         seen = [k for k in new if all(self.views[scan] is not None for scan in pairs[k])]
         self._said.update(dict.fromkeys((questions[k] for k in new), (0, 0)))
-        views = ((self.views[pairs[k][0]], self.views[pairs[k][1]]) for k in seen)
-        self._said.update(zip((questions[k] for k in seen), agreements(views, T_j_i[seen], self.camera), strict=True))
+        answers = self._answers(np.array([pairs[k] for k in seen]).reshape(-1, 2), T_j_i[seen])
+        self._said.update(zip((questions[k] for k in seen), map(tuple, answers), strict=True))
         return np.array([self._said[question] for question in questions], np.int64).reshape(-1, 2)
+
+    def _answers(self, pairs: NDArray[np.int64], T_j_i: Floats) -> list[list[int]]:
+        """For and against, of pairs (m, 2) of scans that have views."""
+        key = fingerprint("alike", self.key, content_fingerprint([pairs, T_j_i]))
+        kept = self.store.load("alike", key) if self.store and len(pairs) else None
+        if kept is None:
+            views = ((self.views[i], self.views[j]) for i, j in pairs)
+            kept = {"said": np.array(agreements(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
+            if self.store and len(pairs):
+                self.store.save("alike", key, kept)
+        return kept["said"].tolist()
 
     def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
         """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""

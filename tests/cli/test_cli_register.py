@@ -88,6 +88,31 @@ def test_same_bytes_with_any_number_of_threads(registered, recording, tmp_path, 
     assert differing(registered.folder, tmp_path / "out") == []
 
 
+def test_another_averaging_setting_repeats_averaging_only(registered, recording, tmp_path, monkeypatch):
+    """Where the same edges are believed, nothing is looked at, refined or fused again, and comes out the same."""
+
+    def again(*_):
+        raise AssertionError("made again")
+
+    for made in ("refine.refine", "pipeline.second_round", "pipeline.solve_edges", "export.results.fuse_cloud"):
+        monkeypatch.setattr(f"miniloop_cli.{made}", again)
+    setting = ("--set", "averaging.rotation_scale_deg=2.5")
+    outcome = invoke("register", recording, "-o", tmp_path, *setting, "-q")
+    assert (outcome.exit_code, outcome.output) == (0, "")
+    assert differing(registered.folder, tmp_path) == ["config.yaml", "log.txt", "report.html"]  # they name the setting
+    fresh = invoke("register", recording, "-o", tmp_path, *setting, "-q", "--fresh")
+    assert isinstance(fresh.exception, AssertionError)
+
+
+def test_other_edges_are_refined_again(registered, recording, tmp_path):
+    arguments = ("register", recording, "-o", tmp_path / "kept", "--set", "averaging.max_residual_m=0.004", "-q")
+    assert invoke(*arguments).exit_code == 0
+    assert "trajectory.txt" in differing(registered.folder, tmp_path / "kept")
+    done = run_process(*arguments[:3], tmp_path / "fresh", *arguments[4:], cwd=tmp_path, MINILOOP_CACHE=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert differing(tmp_path / "kept", tmp_path / "fresh") == []
+
+
 @pytest.mark.slow
 def test_the_run_that_compiles_gives_the_same_bytes(registered, recording, tmp_path):
     """What is compiled in a process and what is loaded from disk are not the same copies of a function."""

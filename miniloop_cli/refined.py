@@ -1,0 +1,71 @@
+"""Refined poses as an artefact: what they are made from, and what is kept of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
+from miniloop_cli.config import Settings
+from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.graph.edges import Edge
+from miniloop_cli.graph.kept import edges_fingerprint
+from miniloop_cli.graph.overlap import ScanPoints
+from miniloop_cli.parallel import Workers
+from miniloop_cli.poses import Poses, beginning, used
+from miniloop_cli.refinement.timing import Timing
+from miniloop_cli.scans.camera import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scans:
+    """What refinement needs of the scans: features, points, stamps of colour and of depth (n,) seconds, the camera."""
+
+    features: Sequence[ScanFeatures]
+    points: Sequence[ScanPoints]
+    stamps_s: Floats
+    depth_stamps_s: Floats
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found."""
+
+    poses: Poses
+    covariance: Floats
+    timing: Timing = field(default_factory=Timing)
+
+
+def refined(
+    poses: Poses, edges: Sequence[Edge], scans: Scans, scans_key: str, settings: Settings, store: Store,
+    workers: Workers,
+) -> Refined:  # fmt: skip
+    """Poses of the largest component refined from the edges used in it; the others as they are.
+
+    `scans_key` names the scans' features. What comes out depends on which edges are believed, not on how they were
+    averaged (`beginning`): a run with other settings that believes the same edges finds it in the store.
+    """
+    count, of_largest = len(poses.component), poses.component == 0
+    inside = [e for e in used(edges, count) if of_largest[e.i] and of_largest[e.j]]
+    if settings.refine == "none" or not inside:
+        return Refined(poses, np.full((count, 6, 6), np.nan))
+    how = [settings.refine, settings.bundle.model_dump()]
+    stamps = content_fingerprint([scans.stamps_s, scans.depth_stamps_s])
+    key = fingerprint("refined", scans_key, stamps, edges_fingerprint(inside), how)
+    kept = store.load("refined", key)
+    if kept is None:
+        # A run that finds refined poses in the store needs none of the libraries that make them.
+        from miniloop_cli.refine import refine
+
+        found = refine(beginning(edges, count), inside, scans, settings, workers)
+        timing = np.array([found.timing.readout_s, found.timing.lag_s])
+        kept = {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing}
+        store.save("refined", key, kept)
+    T_world_cam = np.where(of_largest[:, None, None], kept["T_world_cam"], poses.T_world_cam)
+    return Refined(Poses(T_world_cam, poses.component), kept["covariance"], Timing(*kept["timing_s"].tolist()))
