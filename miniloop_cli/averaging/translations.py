@@ -51,8 +51,11 @@ def average_translations(
     pairs = checked_pairs(count, pairs)
     weights = checked_weights(weights, len(pairs))
     t_j_i = np.asarray(t_j_i, dtype=np.float64)
-    if t_j_i.shape != (len(pairs), 3) or not np.isfinite(t_j_i).all():
-        raise GraphError(f"{len(pairs)} edges need finite translations of shape ({len(pairs)}, 3), got {t_j_i.shape}")
+    if t_j_i.shape != (len(pairs), 3):
+        raise GraphError(f"{len(pairs)} edges need translations of shape ({len(pairs)}, 3), got {t_j_i.shape}")
+    strange = np.flatnonzero(~np.isfinite(t_j_i).all(axis=1))
+    if len(strange):
+        raise GraphError(f"the translation of edge {strange[0]} is not finite")
     used = np.flatnonzero(weights)
     require_connected(count, pairs[used])
     edges, w = pairs[used], weights[used]

@@ -27,6 +27,11 @@ _TIE = (
 )
 
 
+def lost(S: Array, count: int) -> Ints:
+    """Poses, whose blocks are the first `count`, that lie where none of their observations says anything."""
+    return np.flatnonzero(~S[:count].any(axis=(1, 2)))
+
+
 class Bundle:
     """Poses R (n, 3, 3), t (n, 3), points X (p, 3), and the last proposal."""
 
@@ -51,6 +56,7 @@ class Bundle:
 
     def propose(self, damping: float) -> tuple[float, float]:
         S, g, cost = self.reduced(damping)
+        S[lost(S, len(g))] = np.eye(6)  # they stay
         return cost, self._move(self.system.solve(S, -g), damping)
 
     def accept(self) -> None:
@@ -84,12 +90,13 @@ class Bundle:
         gradient (Huber 1967; White 1982). The size of the noise is taken from the residuals, one factor for
         all pixels and one for all depths, so that it holds whatever the settings assumed of it; that residuals are
         independent is assumed. The diagonal blocks of the product are the derivative of those of (H - e B)^-1 by e:
-        two selected inverses, no column is ever solved for.
+        two selected inverses, no column is ever solved for. Infinite for poses of which no observation is left.
         """
         bread, noise = self._spread(kernel, scale_px, scale_depth, 6 * np.count_nonzero(~held))
         model, self.model = self.model, bread
         H = self.reduced(0.0)[0]
-        self.model = model
+        self.model, unknown = model, lost(H, len(held))
+        H[unknown] = np.eye(6)
         B = np.zeros_like(H)
         add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
         self._mirror(B)
@@ -100,7 +107,9 @@ class Bundle:
         H[free, d, d] += tie
         B[free, d, d] += ratio * tie
         system, step = BlockSystem(held, self.pairs), 1e-3 / ratio
-        return (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
+        found = (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
+        found[unknown[~held[unknown]]] = np.diag(np.full(6, np.inf))
+        return found
 
     def _spread(self, kernel: Kernel, scale_px: float, scale_depth: float, pose_freedoms: int) -> tuple[Model, Model]:
         """Models whose Hessians are the curvature of the cost, and the variance of its gradient."""

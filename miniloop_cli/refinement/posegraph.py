@@ -62,8 +62,10 @@ def refine_pose_graph(
     """
     settings = settings or PoseGraphSettings()
     T = np.asarray(T_world_cam, float)
-    if T.ndim != 3 or T.shape[1:] != (4, 4) or not np.isfinite(T).all():
-        raise ValueError(f"poses must be finite (n, 4, 4), not {T.shape}")
+    if T.ndim != 3 or T.shape[1:] != (4, 4):
+        raise ValueError(f"poses must be (n, 4, 4), not {T.shape}")
+    if not np.isfinite(T).all():
+        raise ValueError("poses must be finite")
     if not 0 <= settings.fixed_frame < len(T):
         raise ValueError(f"no frame {settings.fixed_frame} to hold fixed among {len(T)}")
     edges = make_edges(len(T), pairs, T_j_i, information, settings.kernel, settings.scale)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from refinement_scenes import CAMERA, errors, perturbed, scene
@@ -28,6 +30,28 @@ def test_exact_observations_recover_the_truth(kernel):
     assert len(seen) > 80
     np.testing.assert_allclose(found.points_world[seen], S.points[seen], atol=1e-5)
     assert np.isnan(found.points_world[np.setdiff1d(np.arange(len(found.points_world)), seen)]).all()
+
+
+@pytest.mark.parametrize("scale", [0.05, 1.0, 1e3])
+@pytest.mark.parametrize("offset", [0.0, 1e4])
+@pytest.mark.parametrize("dtype", [float, np.float32])
+def test_centimetres_to_kilometres_far_from_the_origin_and_in_single_precision(scale, offset, dtype):
+    """Exact observations; in single precision a pixel has four digits behind the point, and poses those of 10 km."""
+    rng = rng_of(3)
+    S = scene(rng, no_depth=0.2)
+    start = perturbed(S.T, rng, 0.5, 0.02)
+    start[0] = S.T[0]
+    true = S.T.copy()
+    for T in (start, true):
+        T[:, :3, 3] = scale * T[:, :3, 3] + offset
+    px, z = S.px.astype(dtype), (scale * S.z).astype(dtype)
+    settings = BundleSettings(fixed_frame=0, relative_tolerance=1e-12, max_iterations=100)
+    model = CAMERA.noise
+    noise = replace(model, a_m=scale * model.a_m, b_per_m=model.b_per_m / scale, z0_m=scale * model.z0_m)
+    found = bundle_adjust(start, S.frame, S.track, px, z, replace(CAMERA, noise=noise), settings)
+    digits = (1e-5 if dtype is float else 1e-3) * scale + 1e-11 * offset
+    np.testing.assert_allclose(found.T_world_cam[:, :3, 3], true[:, :3, 3], atol=digits)
+    np.testing.assert_allclose(found.T_world_cam[:, :3, :3], true[:, :3, :3], atol=1e-6 if dtype is float else 1e-4)
 
 
 def test_points_of_an_earlier_adjustment_shorten_the_next():
@@ -226,6 +250,18 @@ def test_points_behind_the_camera_do_not_break_it():
     assert np.isfinite(found.T_world_cam).all()
     assert found.descent.cost_after <= found.descent.cost_before
     assert np.abs(errors(S.T, found.T_world_cam, 0)[[1, 3]]).max() < 0.02
+
+
+def test_a_camera_that_sees_nothing_before_it_stays_and_says_that_it_is_unknown():
+    """Every depth below 2 cm: nothing of it can be projected, and a pose without evidence is no pose."""
+    rng = rng_of(3)
+    S = scene(rng)
+    start = S.T.copy()
+    start[:, :3, 3] *= 1e-3
+    found = bundle_adjust(start, S.frame, S.track, S.px, 1e-3 * S.z, CAMERA, FIXED)
+    np.testing.assert_allclose(found.T_world_cam, start, rtol=0, atol=1e-14)
+    assert (found.weight_px == 0).all()
+    assert np.isinf(found.covariance[1:, range(6), range(6)]).all()
 
 
 def test_nothing_observed():

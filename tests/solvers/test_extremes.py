@@ -60,6 +60,22 @@ def test_doubled_matches_are_refused_or_solved_without_nan(module):
         np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-6)
 
 
+@solvers
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_sample_with_what_is_no_number_has_no_solution(module, side, value):
+    """... and the others of the batch keep theirs."""
+    given = problems(module, 4)[:2]
+    expected, counts = module.solve_batch(*given)
+    spoiled = [a.copy() for a in given]
+    spoiled[side][1].flat[4] = value
+    T, found = module.solve_batch(*spoiled)
+    others = [0, 2, 3]
+    assert found[1] == 0
+    np.testing.assert_array_equal(found[others], counts[others])
+    np.testing.assert_array_equal(T[others], expected[others])
+
+
 def matches(scale_m=1.0, offset=0.0, count=80, wrong=0.3, dtype=float, seed=0):
     """A pair with known motion: points of about scale_m, noise of a thousandth, a share of wrong matches."""
     rng = np.random.default_rng(seed)
@@ -149,3 +165,38 @@ def test_averaging_and_pose_graph_at_every_scale(scale_m, offset, dtype):
     true = se3.inverse(T[0]) @ T
     np.testing.assert_allclose(t, true[:, :3, 3], atol=digits)
     np.testing.assert_allclose((se3.inverse(refined[0]) @ refined)[:, :3, 3], true[:, :3, 3], atol=digits)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_averaging_and_pose_graph_refuse_what_is_no_number(value):
+    graph = view_graph("video", 12, 30, 0.0, 0.0, 0.0, np.random.default_rng(0))
+    T, pairs, T_j_i, information = graph.T_world_cam, graph.pairs, graph.T_j_i, np.tile(np.eye(6), (30, 1, 1))
+    R, t, weights = T[:, :3, :3], T_j_i[:, :3, 3].copy(), np.ones(30)
+    turned, moved, start, unsure = T_j_i[:, :3, :3].copy(), T_j_i.copy(), T.copy(), information.copy()
+    weights[7] = value
+    for array in (turned, moved, t, start, unsure):
+        array[7].flat[0] = value
+    for refused, what in (
+        (lambda: average_rotations(12, pairs, turned), "the rotation of edge 7 is not finite"),
+        (lambda: average_rotations(12, pairs, T_j_i[:, :3, :3], weights), "edge 7 has weight"),
+        (lambda: average_translations(R, pairs, t), "the translation of edge 7 is not finite"),
+        (lambda: average_translations(R, pairs, T_j_i[:, :3, 3], weights), "edge 7 has weight"),
+    ):
+        with pytest.raises(MiniloopError, match=what):
+            refused()
+    for given in ((start, pairs, T_j_i, information), (T, pairs, moved, information), (T, pairs, T_j_i, unsure)):
+        with pytest.raises(ValueError, match="must be finite"):
+            refine_pose_graph(*given)
+
+
+def test_averaging_and_pose_graph_with_every_edge_doubled():
+    graph = view_graph("video", 30, 90, 0.0, 0.2, 0.005, np.random.default_rng(1))
+    found = []
+    for times in (1, 2):
+        pairs, T_j_i = np.tile(graph.pairs, (times, 1)), np.tile(graph.T_j_i, (times, 1, 1))
+        R = average_rotations(30, pairs, T_j_i[:, :3, :3]).R_world_cam
+        T = se3.pose(R, average_translations(R, pairs, T_j_i[:, :3, 3]).t_world_cam)
+        information = np.tile(np.diag([1e6] * 3 + [1e4] * 3), (len(pairs), 1, 1))
+        found.append((T, refine_pose_graph(T, pairs, T_j_i, information).T_world_cam))
+    for once, twice in zip(*found, strict=True):
+        np.testing.assert_allclose(twice, once, atol=1e-3)
