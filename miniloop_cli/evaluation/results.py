@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.pairs import read_pairs
 from miniloop_cli.scans.sequence import Trajectory
 
 RESULTS_ROOT = Path("results")
@@ -133,20 +134,6 @@ def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
 
 
 def read_edge_list(path: Path, frame_stamps_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(e, 2) time stamps of a plain list of edges: lines "i j ..." of frame numbers from 0; # starts a comment.
-
-    Raises InputError for a line that is not two frame numbers of the sequence.
-    """
-    pairs = []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
-        fields = line.split("#")[0].replace(",", " ").split()
-        if not fields:
-            continue
-        try:
-            pair = int(fields[0]), int(fields[1])
-        except (IndexError, ValueError):
-            raise InputError(f"{path}, line {number}: expected two frame numbers, found {line[:60]!r}") from None
-        if not all(0 <= k < len(frame_stamps_s) for k in pair):
-            raise InputError(f"{path}, line {number}: frame numbers must be 0 to {len(frame_stamps_s) - 1}")
-        pairs.append(pair)
+    """(e, 2) time stamps of a plain list of edges (`scans.pairs`). Raises InputError for a line that is none."""
+    pairs = read_pairs(path, len(frame_stamps_s))
     return frame_stamps_s[np.array(pairs, np.int64).reshape(-1, 2)]

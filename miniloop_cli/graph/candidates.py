@@ -19,6 +19,7 @@ from miniloop_cli.features.sketch import Sketched, match_sketched, sketch
 from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent
 from miniloop_cli.graph.retrieval import image_vectors, similar_pairs
 from miniloop_cli.parallel import Workers
+from miniloop_cli.scans.pairs import read_pairs
 
 Descriptors = Sequence[NDArray]
 MANY = 150  # matches that need no further check
@@ -28,26 +29,16 @@ AGREEING_M = 0.04  # tighter than the estimator's threshold: a few chance matche
 def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
     """The pairs that a source names: "auto" and "exhaustive" every pair, "sequential" near frames, or a file.
 
-    A file has lines "i j" of frame numbers; # starts a comment. Raises InputError naming the line that does not fit.
+    Raises InputError naming the line of a file that does not fit.
     """
     if source in ("auto", "exhaustive"):
         return list(combinations(range(count), 2))
     if source == "sequential":
         return neighbours(count, settings.neighbours)
-    path = Path(source)
-    if not path.is_file():
-        raise InputError(f"--pairs {source}: give auto, exhaustive, sequential or a file of lines 'i j'")
-    found = set()
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
-        fields = line.split("#")[0].replace(",", " ").split()
-        if not fields:
-            continue
-        if len(fields) < 2 or not all(field.isdecimal() and int(field) < count for field in fields[:2]):
-            raise InputError(f"{path}, line {number}: expected two frame numbers from 0 to {count - 1}, got '{line}'")
-        i, j = sorted(int(field) for field in fields[:2])
-        if i != j:
-            found.add((i, j))
-    return sorted(found)
+    try:
+        return sorted({(min(i, j), max(i, j)) for i, j in read_pairs(Path(source), count) if i != j})
+    except InputError as error:
+        raise InputError(f"{error} (--pairs is auto, exhaustive, sequential or a file of lines 'i j')") from error
 
 
 def neighbours(count: int, most: int) -> list[Pair]:

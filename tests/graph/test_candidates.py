@@ -26,8 +26,12 @@ def test_a_file_of_pairs_is_read_and_its_mistakes_are_named(tmp_path):
     path.write_text("0 1\n0 4\n")
     with pytest.raises(InputError, match="line 2"):
         listed_pairs(4, str(path), Matching())
-    with pytest.raises(InputError, match="sequential"):
-        listed_pairs(4, str(tmp_path / "none.txt"), Matching())
+    path.write_text("0 1\n0 " + "9" * 5000 + "\n")  # more digits than Python takes for a number
+    with pytest.raises(InputError, match="line 2"):
+        listed_pairs(4, str(path), Matching())
+    for name in ("none.txt", "n" * 5000, "zero\0byte"):
+        with pytest.raises(InputError, match="sequential"):
+            listed_pairs(4, str(tmp_path / name), Matching())
 
 
 def scans_of_one_place_and_another(rng, count=600):

@@ -153,7 +153,9 @@ def recording_and_result(folder: Path) -> tuple[Path, Path]:
 
 def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
-    from miniloop_cli.config import load_settings
+    from miniloop_cli.config import Matching, load_settings
+    from miniloop_cli.evaluation.results import read_edge_list
+    from miniloop_cli.graph.candidates import listed_pairs
     from miniloop_cli.priors import read_priors
     from miniloop_cli.scans import open_sequence, read_ground_truth, read_trajectory
     from miniloop_cli.scans.images import read_color, read_depth, read_header, read_mask
@@ -185,12 +187,15 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
 
         return use
 
+    lists = [b"# pairs\n0 1\n1,2\n\n0 4 17.0  # far\n", b"0 1 31 5\n1 3 12 0\n"]
     sequence, poses = open_sequence(room), (room / "groundtruth.txt").read_bytes()[:900].rpartition(b"\n")[0]
     stamps = [f"{frame.timestamp_s:.6f}" for frame in sequence.frames]
     gravity = "\n".join(["# timestamp ax ay az", *(f"{stamp} 0.1 -9.8 0.3" for stamp in stamps)]).encode()
     return {
         "gravity": Target([gravity], file(lambda path: read_priors(sequence, gravity=path))),
         "init": Target([poses], file(lambda path: read_priors(sequence, poses=path))),
+        "pairs": Target(lists, file(lambda path: listed_pairs(5, str(path), Matching()))),
+        "edge list": Target(lists, file(lambda path: read_edge_list(path, np.arange(5.0)))),
         "mask": Target(images, file(read_mask)),
         "rgb.txt": Target(tables, sequence_with("rgb.txt")),
         "depth.txt": Target(tables, sequence_with("depth.txt")),
