@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
-from miniloop_cli.scans import read_scan
+from miniloop_cli.scans.images import read_color
 from miniloop_cli.scans.sequence import Sequence
 
 Image = NDArray[np.uint8]
@@ -28,7 +28,7 @@ def data_uri(rgb: Image, lossless: bool = False, quality: int = 82) -> str:
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, float] | None:
     """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
     try:
-        color = read_scan(sequence, index).color
+        color = read_color(sequence.frames[index].color_path)
     except (InputError, IndexError):
         return None
     scale = width / color.shape[1]
