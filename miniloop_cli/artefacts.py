@@ -43,6 +43,7 @@ def default_folder() -> Path:
         raise MiniloopError("this user has no home folder to keep finished work in: set MINILOOP_CACHE") from error
 
 
+@cache
 def library_versions() -> dict[str, str]:
     """Versions of the libraries that results depend on."""
     found = {}
