@@ -18,7 +18,7 @@ from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import EdgeEstimate, EdgeMatches, estimate
 from miniloop_cli.ransac.search import SOLVERS
 
-VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
+VERDICTS = VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
 MANY = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
-from miniloop_cli.graph.edges import Edge
+from miniloop_cli.graph.edges import VERDICTS, Edge
 from miniloop_cli.graph.overlap import Matches, Pair
 
 CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
@@ -63,19 +64,17 @@ def found_kept(key: str, store: Store, make: Callable[[], list[Edge]]) -> list[E
     kept = store.load("found", found_key)
     if kept is None:
         edges = make()
-        store.save("found", found_key, _packed_edges(edges) | _packed_matches(_matches(edges)))
+        matches = {(edge.i, edge.j): edge.matches for edge in edges}
+        store.save("found", found_key, _packed_edges(edges) | _packed_matches(matches))
         return edges
     return _unpacked_edges(kept, _unpacked_matches(kept))
 
 
 def edges_fingerprint(edges: Sequence[Edge]) -> str:
     """Hash of the motions, matches and verdicts of edges; not of the words that say why."""
-    packed = _packed_edges(edges) | _packed_matches(_matches(edges))
-    return content_fingerprint(packed[name] for name in sorted(packed.keys() - {"reason", "solver"}))
-
-
-def _matches(edges: Sequence[Edge]) -> Matches:
-    return {(edge.i, edge.j): edge.matches for edge in edges}
+    which = np.array([(edge.i, edge.j, VERDICTS.index(edge.verdict)) for edge in edges], np.int64)
+    what = ((edge.matches, edge.inliers, edge.T_j_i, edge.information, edge.covariance) for edge in edges)
+    return content_fingerprint(chain([which], chain.from_iterable(what)))
 
 
 def _unpacked_edges(kept: Mapping[str, NDArray[Any]], matches: Matches) -> list[Edge]:
