@@ -49,15 +49,14 @@ class RegistrationError(MiniloopError):
         self.run = run
 
 
-def causes(error: BaseException) -> Iterator[BaseException]:
+def causes(error: BaseException | None) -> Iterator[BaseException]:
     """The error, what caused it, what caused that, and so on."""
-    found: BaseException | None = error
-    while found is not None:
-        yield found
-        found = found.__cause__ or found.__context__
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
 
 
-def interrupted(error: BaseException) -> bool:
+def interrupted(error: BaseException | None) -> bool:
     """Whether an error is what a library made of an interrupt: compiled code and imports raise errors of their own."""
     return any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
 

@@ -4,20 +4,45 @@ from __future__ import annotations
 
 import signal
 import sys
+from types import FrameType
 
-AGAIN_S = 0.05
+from miniloop_cli.errors import interrupted
+
+AGAIN_S = 0.5
 
 
 def heed_interrupts() -> None:
-    """SIGTERM as Ctrl-C: a stopped container tidies up, too. Called from the main thread."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    sys.unraisablehook = _come_again
+    """SIGTERM as Ctrl-C: a stopped container tidies up, too. Called from the main thread.
+
+    Where libraries catch everything, or compiled code calls Python, an interrupt is lost and the command would go on.
+    So each comes again every AGAIN_S, unless it is just being dealt with, until `interrupts_are_over`.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as in the background of a shell script
+            signal.signal(number, _interrupt)
+    if hasattr(signal, "setitimer"):
+        signal.signal(signal.SIGALRM, _again)
+    sys.unraisablehook = _say
 
 
-def _come_again(unraisable: sys.UnraisableHookArgs) -> None:
+def interrupts_are_over() -> None:
+    """No interrupt comes again."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _interrupt(*_: int | FrameType | None) -> None:
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+    raise KeyboardInterrupt
+
+
+def _again(*_: int | FrameType | None) -> None:
+    if not interrupted(sys.exception()):
+        raise KeyboardInterrupt
+
+
+def _say(unraisable: sys.UnraisableHookArgs) -> None:
     """An error in a callback of a library is printed by Python and forgotten; an interrupt comes again instead."""
     if not issubclass(unraisable.exc_type, KeyboardInterrupt) or not hasattr(signal, "setitimer"):
         sys.__unraisablehook__(unraisable)
-        return
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, AGAIN_S)

@@ -15,7 +15,7 @@ from typing import NoReturn
 import click
 
 from miniloop_cli import __version__
-from miniloop_cli.cli.interrupts import heed_interrupts
+from miniloop_cli.cli.interrupts import heed_interrupts, interrupts_are_over
 from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
 
 PROGRAM = "miniloop"
@@ -101,6 +101,8 @@ def main(args: list[str] | None = None) -> None:
         with suppress(OSError):  # what could not be printed is not tried again when the interpreter ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    finally:
+        interrupts_are_over()
 
 
 def _end_interrupted() -> NoReturn:

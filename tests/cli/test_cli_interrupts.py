@@ -50,17 +50,41 @@ def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, monkeypatch, err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupt_that_falls_into_a_callback_is_not_lost(tmp_path):
-    """Where compiled code calls Python, nobody can catch it: it was printed, and the command went on."""
+CALLBACK = """
+    def callback():
+        os.kill(os.getpid(), signal.SIGTERM)
+        for _ in range(1000): pass
+    ctypes.CFUNCTYPE(None)(callback)()
+    print('came back', flush=True)
+    time.sleep(20)
+"""
+CAUGHT = """
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(20)
+    except:
+        print('came back', flush=True)
+    time.sleep(20)
+"""
+TIDYING = """
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(20)
+    finally:
+        for _ in range(150): time.sleep(0.01)
+        print('came back', flush=True)
+"""
+
+
+@pytest.mark.parametrize("body", [CALLBACK, CAUGHT, TIDYING], ids=["callback", "caught", "tidying up"])
+def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
+    """Where compiled code calls Python nobody can catch it, and some libraries catch everything: the command went on.
+
+    What tidies up after an interrupt is not interrupted in turn.
+    """
     script = (
         "import ctypes, os, signal, time; import miniloop_cli.bench.averaging as averaging\n"
-        "def callback():\n"
-        "    os.kill(os.getpid(), signal.SIGTERM)\n"
-        "    for _ in range(1000): pass\n"
-        "def rows(*_):\n"
-        "    ctypes.CFUNCTYPE(None)(callback)()\n"
-        "    print('came back', flush=True)\n"
-        "    time.sleep(20)\n"
+        f"def rows(*_):{body}"
         "averaging.averaging_rows = rows\n"
         "from miniloop_cli.cli.main import main\n"
         "main(['bench', 'averaging', '--scans', '10', '-q'])\n"
