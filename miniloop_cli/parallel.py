@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
+import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be loaded to be held at one thread
 from joblib import effective_n_jobs
 from threadpoolctl import threadpool_limits
 
@@ -38,7 +39,6 @@ def single_inner_threads() -> Iterator[None]:
     Raises MemoryError where a process may hardly allocate any more: OpenBLAS would ask for ever.
     """
     import cv2
-    import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be there to be held
 
     try:
         mmap.mmap(-1, ROOM_BYTES).close()

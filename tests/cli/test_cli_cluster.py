@@ -23,7 +23,7 @@ QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "stdin": su
 @pytest.fixture
 def dask(tmp_path, shared):
     """Address of a scheduler on loopback and its two worker processes."""
-    pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    Client = pytest.importorskip("distributed", reason="needs the extra [cluster]").Client
     file = tmp_path / "scheduler.json"
     variables = environment(
         MINILOOP_CACHE=shared / "nothing-is-kept-here",
@@ -41,8 +41,8 @@ def dask(tmp_path, shared):
             time.sleep(0.1)
         processes += [start("worker", "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1") for _ in range(2)]
         address = json.loads(file.read_text())["address"]
-        with connected(address) as found:
-            found.client.wait_for_workers(2, timeout=60)
+        with Client(address, timeout=60, set_as_default=False) as client:  # we wait for 10 s only, for a first one
+            client.wait_for_workers(2, timeout=120)
         yield address, processes[1:], processes[0]
     finally:
         for process in processes:
