@@ -94,7 +94,7 @@ def test_elimination_is_right_on_average():
     np.testing.assert_allclose(total / rounds, A.T @ np.diag(weights) @ A, atol=0.1)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(scans=st.integers(2, 40), extra=st.integers(0, 60), seed=st.integers(0, 2**16))
 def test_parallel_edges_and_random_graphs(scans, extra, seed):
     rng = np.random.default_rng(seed)

@@ -98,7 +98,7 @@ def test_the_voted_start_survives_what_the_tree_does_not():
     assert errors(graph, tree.R_world_cam, None)["rot_err_deg_mean"] > 5.0
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**16))
 def test_result_does_not_depend_on_numbering_direction_or_world(seed):
     graph, R_j_i, _ = make("expander", 25, 90, noise_deg=0.5, seed=seed)

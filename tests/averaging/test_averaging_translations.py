@@ -99,7 +99,7 @@ def test_large_graph_with_outliers():
     assert np.median(np.linalg.norm(offset - np.median(offset, axis=0), axis=1)) < 0.05
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**16))
 def test_turning_the_world_and_renumbering_change_nothing(seed):
     graph, R, _ = make("expander", 25, 90, noise_m=0.01, seed=seed)
@@ -145,9 +145,9 @@ def test_what_is_no_graph_is_said_so():
     R = np.eye(3)[None].repeat(3, axis=0)
     with pytest.raises(GraphError, match="2 components"):
         average_translations(R, [(0, 1)], np.zeros((1, 3)))
-    with pytest.raises(GraphError, match="finite translations"):
+    with pytest.raises(GraphError, match="the translation of edge 0 is not finite"):
         average_translations(R, [(0, 1), (1, 2)], np.full((2, 3), np.inf))
-    with pytest.raises(GraphError, match="finite translations"):
+    with pytest.raises(GraphError, match=r"2 edges need translations of shape \(2, 3\), got \(1, 3\)"):
         average_translations(R, [(0, 1), (1, 2)], np.zeros((1, 3)))
     with pytest.raises(GraphError, match="no scan"):
         average_translations(np.empty((0, 3, 3)), np.empty((0, 2)), np.empty((0, 3)))

@@ -94,7 +94,7 @@ def test_one_ground_truth_sample_is_enough_at_its_stamp():
     np.testing.assert_array_equal(T[0], np.eye(4))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_errors_do_not_depend_on_the_world_frames(seed):
     rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def test_errors_do_not_depend_on_the_world_frames(seed):
             assert moved.numbers["rpe"]["consecutive"][key] == pytest.approx(value, abs=1e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(0.01, 100))
 def test_umeyama_finds_the_similarity(seed, scale):
     rng = np.random.default_rng(seed)

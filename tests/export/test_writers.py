@@ -62,7 +62,7 @@ def test_ply_refuses_other_shapes(tmp_path):
         write_ply(tmp_path / "a.ply", np.zeros((4, 2)), np.zeros((4, 3), np.uint8))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 9999), st.integers(1, 6), st.floats(0.02, 3))
 def test_voxel_means_as_by_brute_force(seed, n_chunks, voxel_m):
     rng = np.random.default_rng(seed)

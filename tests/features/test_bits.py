@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numba import njit
 
@@ -16,7 +16,6 @@ def counted(words):
 
 
 @given(st.lists(st.lists(st.integers(0, 2**32 - 1), min_size=WORDS, max_size=WORDS), min_size=1, max_size=40))
-@settings(deadline=None)
 @example([[2**32 - 1] * WORDS, [0] * WORDS, [2**k for k in range(WORDS)]])
 def test_as_many_as_python_counts(words):
     found = counted(np.array(words, np.uint32))

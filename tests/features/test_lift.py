@@ -10,7 +10,7 @@ from miniloop_cli.features.lift import depth_at, depth_slope, on_outline
 PLAIN = Depth()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(0.8, 4), st.floats(-0.002, 0.002), st.floats(-0.002, 0.002), st.integers(0, 2**32 - 1))
 def test_depth_and_slope_of_a_plane_are_exact(z0, a, b, seed):
     v, u = np.mgrid[0:60, 0:80]

@@ -43,7 +43,7 @@ def test_binary_descriptors_match_as_opencv_does_where_nothing_ties(width):
     assert len(found) == 200
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(2, 40))
 def test_a_match_is_one_to_one_sorted_and_truly_mutual(seed, n, m):
     rng = np.random.default_rng(seed)

@@ -32,7 +32,7 @@ def test_nearly_all_that_exact_matching_finds_is_found(kind, ratio2):
     assert len(found) < 1.1 * len(exact)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(0, 40), st.integers(1, 50))
 def test_matches_are_one_to_one_sorted_within_count_and_pass_the_ratio_test(seed, n, m, count):
     rng = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ def left_over(cycles):
     return sum(len(cycle) == 2 for cycle in cycles)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(graphs(), st.sampled_from(METHODS), st.integers(2, 7))
 def test_every_edge_is_in_exactly_one_real_cycle(graph, method, longest):
     cycles = decompose(graph, longest, method)
@@ -47,7 +47,7 @@ def test_every_edge_is_in_exactly_one_real_cycle(graph, method, longest):
     assert sorted(map(sorted, covered)) == sorted(map(sorted, graph.edges))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(graphs(), st.sampled_from(METHODS), st.integers(3, 6))
 def test_no_cycle_of_a_length_is_left_when_shorter_ones_are_sought(graph, method, longest):
     cycles = decompose(graph, longest, method)
@@ -56,7 +56,7 @@ def test_no_cycle_of_a_length_is_left_when_shorter_ones_are_sought(graph, method
         assert not any(len(cycle) == length for cycle in nx.simple_cycles(left, length_bound=length))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(graphs(), st.sampled_from(METHODS), st.randoms(use_true_random=False))
 def test_the_order_in_which_a_graph_was_built_does_not_matter(graph, method, random):
     edges = list(graph.edges(data=True))
@@ -114,7 +114,7 @@ def test_odd_pairs_join_odd_nodes_strongest_first():
     assert odd_pairs(strength) == [(1, 7), (4, 5)]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(graphs(), st.integers(3, 5))
 def test_exchange_keeps_the_edges_and_loses_no_cycle(graph, length):
     free = FreeEdges({i: sorted(graph[i]) for i in graph})

@@ -67,7 +67,7 @@ def match_graphs(draw):
     return np.concatenate([[0], np.cumsum(counts)]), pairs, matches
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(match_graphs())
 def test_tracks_are_consistent_and_complete(case):
     offsets, pairs, matches = case

@@ -9,7 +9,7 @@ from miniloop_cli.report.splat import BACKGROUND, View, overview, render, shade
 from miniloop_cli.report.svg import Chart, limits, ticks
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 9999))
 def test_the_nearest_point_is_seen(seed):
     rng = np.random.default_rng(seed)

@@ -19,7 +19,6 @@ from miniloop_cli.scans.intrinsics import load_camera
 
 fuzz = settings(
     max_examples=int(os.environ.get("MINILOOP_FUZZ", "100")),
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 

@@ -84,3 +84,11 @@ def test_any_rotation_survives(count, seed):
         se3.rotation_angle_deg(read.T_world_cam[:, :3, :3] @ np.swapaxes(trajectory.T_world_cam[:, :3, :3], 1, 2)).max()
         < 1e-6
     )
+
+
+def test_poses_that_are_read_only_are_written(tmp_path):
+    """scipy 1.14 refused them."""
+    poses = Trajectory(np.arange(3.0), np.broadcast_to(np.eye(4), (3, 4, 4)))
+    write_trajectory(tmp_path / "t.txt", poses)
+    np.testing.assert_array_equal(read_trajectory(tmp_path / "t.txt").T_world_cam, poses.T_world_cam)
+    np.testing.assert_array_equal(se3.log_so3(poses.T_world_cam[:, :3, :3]), np.zeros((3, 3)))

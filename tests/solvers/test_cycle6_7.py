@@ -14,7 +14,7 @@ from miniloop_cli.solvers import cycle6, cycle7
 from miniloop_cli.solvers.batch import edges_of, match_residuals
 
 solvers = pytest.mark.parametrize("module", [cycle6, cycle7], ids=["cycle6", "cycle7"])
-FEW = settings(derandomize=True, deadline=None, max_examples=25)
+FEW = settings(derandomize=True, max_examples=25)
 
 
 def sample(module, seed):

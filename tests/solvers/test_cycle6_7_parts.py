@@ -13,7 +13,7 @@ from miniloop_cli.solvers.six_revolute_equations import axis_equations, reduce_e
 from miniloop_cli.solvers.six_revolute_resultant import angles_at, half_angle_forms, resultant
 from miniloop_cli.solvers.six_revolute_roots import DEGREE, MAX_ROOTS, real_roots
 
-EXACT = settings(derandomize=True, deadline=None, max_examples=100)
+EXACT = settings(derandomize=True, max_examples=100)
 
 
 def about_z(angle):

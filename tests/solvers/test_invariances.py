@@ -13,7 +13,7 @@ from miniloop_cli.solvers.ring import read_from, write_back
 
 solvers = pytest.mark.parametrize("module", ALL.values(), ids=ALL.keys())
 seeds = st.integers(0, 10**6)
-EXAMPLES = settings(derandomize=True, deadline=None, max_examples=40)
+EXAMPLES = settings(derandomize=True, max_examples=40)
 # Random problems may be ill-conditioned; a wrong formula is off by far more.
 TOLERANCE = 1e-5
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from miniloop_cli.solvers.polynomials import roots_on_circle, workspace
 
-EXACT = settings(derandomize=True, deadline=None, max_examples=200)
+EXACT = settings(derandomize=True, max_examples=200)
 
 
 def roots(f, nearly_real=0.0):
