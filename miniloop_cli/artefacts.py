@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -123,6 +123,14 @@ class Store:
             os.utime(path)  # when it was last used: what pruning goes by
         with np.load(io.BytesIO(whole), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
+
+    def kept(self, kind: str, key: str, make: Callable[[], Arrays]) -> Arrays:
+        """The arrays of an artefact; where there is none, made now and kept."""
+        found = self.load(kind, key)
+        if found is None:
+            found = make()
+            self.save(kind, key, found)
+        return found
 
     def save(self, kind: str, key: str, arrays: Arrays) -> None:
         """Keep an artefact; a store that cannot be written costs the next run time, never this run its result."""

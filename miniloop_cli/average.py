@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from miniloop_cli.averaging.graph import components
+from miniloop_cli.averaging.graph import bridges, components
 from miniloop_cli.averaging.rows import rows
 from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.config import Averaging
@@ -87,20 +86,6 @@ def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
         return rejected(edge, f"{edge.inlier_count} inliers, and no loop confirms it")
 
     return [judge(edge) for edge in edges]
-
-
-def bridges(pairs: NDArray[np.int64], piece: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Which of the edges (m, 2) between scans lie on no loop, where other edges join the scans to pieces (n,)."""
-    ends = np.sort(piece[pairs], axis=1)
-    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
-    if not len(across):
-        return across
-    import networkx as nx  # most recordings are one piece, and need not wait for it
-
-    joins, which, times = np.unique(ends[across], axis=0, return_inverse=True, return_counts=True)
-    found = set(map(frozenset, nx.bridges(nx.Graph(joins.tolist()))))
-    alone = [times[k] == 1 and frozenset(joins[k].tolist()) in found for k in which.ravel()]
-    return across[alone]
 
 
 def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[Edge]:

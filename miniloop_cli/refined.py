@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
+from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.config import Settings
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.graph.edges import Edge
@@ -58,14 +58,15 @@ def refined(
     how = [settings.refine, settings.bundle.model_dump()]
     stamps = content_fingerprint([scans.stamps_s, scans.depth_stamps_s])
     key = fingerprint("refined", scans_key, stamps, edges_fingerprint(inside), how)
-    kept = store.load("refined", key)
-    if kept is None:
+
+    def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.
         from miniloop_cli.refine import refine
 
         found = refine(beginning(edges, count), inside, scans, settings, workers)
         timing = np.array([found.timing.readout_s, found.timing.lag_s])
-        kept = {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing}
-        store.save("refined", key, kept)
+        return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing}
+
+    kept = store.kept("refined", key, make)
     T_world_cam = np.where(of_largest[:, None, None], kept["T_world_cam"], poses.T_world_cam)
     return Refined(Poses(T_world_cam, poses.component), kept["covariance"], Timing(*kept["timing_s"].tolist()))

@@ -36,6 +36,20 @@ def components(count: int, pairs: ArrayLike) -> Ints:
     return rank[labels]
 
 
+def bridges(pairs: Ints, piece: Ints) -> Ints:
+    """Which of the edges (m, 2) between scans lie on no loop, where other edges join the scans to pieces (n,)."""
+    ends = np.sort(piece[pairs], axis=1)
+    across = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    if not len(across):
+        return across
+    import networkx as nx  # most recordings are one piece, and need not wait for it
+
+    joins, which, times = np.unique(ends[across], axis=0, return_inverse=True, return_counts=True)
+    found = set(map(frozenset, nx.bridges(nx.Graph(joins.tolist()))))
+    alone = [times[k] == 1 and frozenset(joins[k].tolist()) in found for k in which.ravel()]
+    return across[alone]
+
+
 def checked_pairs(count: int, pairs: ArrayLike) -> Ints:
     """`pairs` as (m, 2) int64; GraphError unless every edge joins two different scans of 0..count-1."""
     pairs = np.ascontiguousarray(np.asarray(pairs, dtype=np.int64).reshape(-1, 2))

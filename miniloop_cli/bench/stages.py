@@ -62,6 +62,9 @@ class StageClock(logging.Handler):
             log.propagate = propagate
 
 
+IN_MEMORY = ("matches", "edges")
+
+
 @dataclass(frozen=True)
 class SessionStore(Store):
     """Features come from disk and are kept there; matches and edges are made once a session, and kept in memory.
@@ -77,7 +80,7 @@ class SessionStore(Store):
 
     def load(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         """As Store.load."""
-        if kind not in ("features", "matches", "edges"):
+        if kind not in ("features", *IN_MEMORY):
             return None
         self.touched.add((kind, key))
         if kind == "features":
@@ -89,7 +92,7 @@ class SessionStore(Store):
         """As Store.save."""
         if kind == "features":
             super().save(kind, key, arrays)
-        elif kind in ("matches", "edges"):
+        elif kind in IN_MEMORY:
             self.made[kind, key] = arrays
 
 

@@ -16,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from miniloop_cli import __version__
-from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint, library_versions
+from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint, library_versions
 from miniloop_cli.errors import InputError
 from miniloop_cli.export.cloud import fuse_cloud
 from miniloop_cli.export.g2o import write_g2o
@@ -133,11 +133,12 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[NDArray[n
     poses = content_fingerprint([scans, run.poses.T_world_cam[scans]])
     how = [run.settings.cloud.model_dump(), run.settings.depth.model_dump()]
     key = fingerprint("cloud", [run.scans[k].key for k in scans], poses, how)
-    kept = store.load("cloud", key)
-    if kept is None:
+
+    def fused() -> Arrays:
         points, colors = fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m)
-        kept = {"points": points, "colors": colors}
-        store.save("cloud", key, kept)
+        return {"points": points, "colors": colors}
+
+    kept = store.kept("cloud", key, fused)
     return kept["points"], kept["colors"]
 
 

@@ -24,12 +24,7 @@ def matches_by_chunk(
     for begin in range(0, len(pairs), CHUNK):
         chunk = pairs[begin : begin + CHUNK]
         chunk_key = fingerprint("matches", key, chunk)
-        kept = store.load("matches", chunk_key)
-        if kept is None:
-            made = make(chunk)
-            kept = _packed_matches(made)
-            store.save("matches", chunk_key, kept)
-        found |= _unpacked_matches(kept)
+        found |= _unpacked_matches(store.kept("matches", chunk_key, lambda chunk=chunk: _packed_matches(make(chunk))))
     return found
 
 
@@ -115,8 +110,4 @@ def _packed_edges(edges: Sequence[Edge]) -> dict[str, NDArray[Any]]:
 def steps_kept(key: str, store: Store, make: Callable[[], list[float]]) -> list[float]:
     """The repetition of every scan (`steps_m`), from the store or made now."""
     steps_key = fingerprint("steps", key)
-    kept = store.load("steps", steps_key)
-    if kept is None:
-        kept = {"step_m": np.array(make(), float)}
-        store.save("steps", steps_key, kept)
-    return kept["step_m"].tolist()
+    return store.kept("steps", steps_key, lambda: {"step_m": np.array(make(), float)})["step_m"].tolist()

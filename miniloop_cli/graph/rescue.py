@@ -54,7 +54,7 @@ def predict(graph: nx.Graph, pair: Pair) -> Prediction | None:
     i, j = pair
     if i not in graph or j not in graph:
         return None
-    strength = {k: min(graph[i][k]["inliers"], graph[k][j]["inliers"]) for k in sorted(set(graph[i]) & set(graph[j]))}
+    strength = {k: min(graph[i][k]["inliers"], graph[k][j]["inliers"]) for k in graph[i] if k in graph[j]}
     between = sorted(strength, key=lambda k: (-strength[k], k))[:LOOPS]
     if not between:
         return None

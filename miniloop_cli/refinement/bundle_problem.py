@@ -95,7 +95,7 @@ class Bundle:
         bread, noise = self._spread(kernel, scale_px, scale_depth, 6 * np.count_nonzero(~held))
         model, self.model = self.model, bread
         H = self.reduced(0.0)[0]
-        self.model, unknown = model, lost(H, len(held))
+        self.model, unknown = model, np.setdiff1d(lost(H, len(held)), np.flatnonzero(held))
         H[unknown] = np.eye(6)
         B = np.zeros_like(H)
         add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
@@ -108,7 +108,7 @@ class Bundle:
         B[free, d, d] += ratio * tie
         system, step = BlockSystem(held, self.pairs), 1e-3 / ratio
         found = (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
-        found[unknown[~held[unknown]]] = np.diag(np.full(6, np.inf))
+        found[unknown] = np.diag(np.full(6, np.inf))
         return found
 
     def _spread(self, kernel: Kernel, scale_px: float, scale_depth: float, pose_freedoms: int) -> tuple[Model, Model]:

@@ -5,8 +5,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from miniloop_cli.average import bridges, confirmed
-from miniloop_cli.averaging.graph import components
+from miniloop_cli.average import confirmed
+from miniloop_cli.averaging.graph import bridges, components
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
 
 COUNT = 9
