@@ -16,10 +16,10 @@ from miniloop_cli.averaging.graph import bridges, components
 from miniloop_cli.averaging.rows import rows
 from miniloop_cli.averaging.triangles import doubtful
 from miniloop_cli.config import Averaging
-from miniloop_cli.graph.edges import REJECTED, Edge
+from miniloop_cli.graph.edges import REJECTED, Edge, pairs_of
 from miniloop_cli.graph.outlines import by_outlines
 from miniloop_cli.graph.witness import Witness, share
-from miniloop_cli.poses import Poses, average_components, pairs_of, residuals, used
+from miniloop_cli.poses import Poses, average_components, residuals, used
 
 # Share of all that the scans of a component see twice that must look alike: else it is not one world. Sound recordings
 # have 0.91 and more, poses that follow a walking person 0.44 to 0.78.

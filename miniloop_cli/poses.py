@@ -13,7 +13,7 @@ from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, WEAK, Edge
+from miniloop_cli.graph.edges import VERIFIED, WEAK, Edge, pairs_of
 
 Floats = NDArray[np.float64]
 FEW_EDGES = 3  # a scan that hangs on fewer verified edges may use its weak ones
@@ -36,11 +36,6 @@ def used(edges: Sequence[Edge], count: int) -> list[Edge]:
     """Verified edges, and the weak ones of scans that would hang on fewer than three."""
     few = np.bincount(pairs_of([e for e in edges if e.verdict == VERIFIED]).ravel(), minlength=count) < FEW_EDGES
     return [e for e in edges if e.verdict == VERIFIED or (e.verdict == WEAK and (few[e.i] or few[e.j]))]
-
-
-def pairs_of(edges: Sequence[Edge]) -> NDArray[np.int64]:
-    """(m, 2) scans i and j of each edge."""
-    return np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2)
 
 
 def residuals(edges: Sequence[Edge], T_world_cam: Floats) -> tuple[Floats, Floats]:

@@ -24,7 +24,7 @@ from miniloop_cli.export.ply import write_ply
 from miniloop_cli.export.tables import write_edges, write_frames
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
+from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, pairs_of
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.scans import read_scan, write_trajectory
@@ -121,7 +121,7 @@ def _write_graph(run: Registration, path: Path) -> None:
         path,
         registered,
         run.poses.T_world_cam[registered],
-        np.array([(e.i, e.j) for e in edges]).reshape(-1, 2),
+        pairs_of(edges),
         np.array([e.T_j_i for e in edges]).reshape(-1, 4, 4),
         np.array([e.information for e in edges]).reshape(-1, 6, 6),
     )

@@ -51,6 +51,11 @@ class Edge:
         return int(self.inliers.sum())
 
 
+def pairs_of(edges: Sequence[Edge]) -> NDArray[np.int64]:
+    """(m, 2) scans i and j of each edge."""
+    return np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2)
+
+
 def judge(edge: Edge, settings: Verification) -> Edge:
     """The edge with its verdict, from its inliers alone."""
     inliers, share = edge.inlier_count, edge.inlier_count / max(len(edge.matches), 1)

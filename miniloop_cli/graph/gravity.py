@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.config import Gravity, Settings
 from miniloop_cli.graph.cycles import decompose
-from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, directed, judged_edge, sides, weakest_last
+from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, directed, judged_edge, pairs_of, sides, weakest_last
 from miniloop_cli.graph.overlap import Matches, ScanPoints, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.vertical import estimate_upright
@@ -37,7 +37,7 @@ def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
     """
     if not edges:
         return np.zeros(0)
-    i, j = np.array([(edge.i, edge.j) for edge in edges]).T
+    i, j = pairs_of(edges).T
     turned = np.einsum("mij,mj->mi", np.array([edge.T_j_i[:3, :3] for edge in edges]), up_cam[i])
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
 

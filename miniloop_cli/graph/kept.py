@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
-from miniloop_cli.graph.edges import VERDICTS, Edge
+from miniloop_cli.graph.edges import VERDICTS, Edge, pairs_of
 from miniloop_cli.graph.overlap import Matches, Pair
 
 CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
@@ -98,7 +98,7 @@ def _packed_edges(edges: Sequence[Edge]) -> dict[str, NDArray[Any]]:
         return np.array([getattr(edge, name) for edge in edges]).reshape(len(edges), *shape)
 
     return {
-        "pairs": np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2),
+        "pairs": pairs_of(edges),
         "inliers": np.concatenate([*(edge.inliers for edge in edges), np.zeros(0, bool)]),
         "T_j_i": column("T_j_i", (4, 4)),
         "information": column("information", (6, 6)),

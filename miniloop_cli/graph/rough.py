@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Rough
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
+from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, pairs_of
 from miniloop_cli.graph.overlap import Pair, ScanPoints
 from miniloop_cli.graph.visibility import in_view
 from miniloop_cli.scans.camera import Camera
@@ -80,7 +80,7 @@ def _off(edges: Sequence[Edge], T_world_cam: Floats) -> Floats:
     """(m, 2) degrees and metres between edges and poses; NaN where there is no pose."""
     if not edges:
         return np.zeros((0, 2))
-    i, j = np.array([(edge.i, edge.j) for edge in edges]).T
+    i, j = pairs_of(edges).T
     off = np.full((len(edges), 2), np.nan)
     known = np.isfinite(T_world_cam[i]).all(axis=(1, 2)) & np.isfinite(T_world_cam[j]).all(axis=(1, 2))
     expected = se3.inverse(T_world_cam[j[known]]) @ T_world_cam[i[known]]
