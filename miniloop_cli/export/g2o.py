@@ -57,15 +57,20 @@ def write_g2o(
         for number, row in zip(np.asarray(ids).tolist(), pose_rows(T_world_cam), strict=True):
             file.write(f"VERTEX_SE3:QUAT {number} {row}\n")
         T_i_j = se3.inverse(np.asarray(T_j_i).reshape(-1, 4, 4))
-        for (i, j), row, info in zip(np.asarray(pairs).tolist(), pose_rows(T_i_j), order, strict=True):
-            upper = " ".join(f"{v:.9g}" for v in info[UPPER])
-            file.write(f"EDGE_SE3:QUAT {i} {j} {row} {upper}\n")
+        upper = _lines(order[:, *UPPER], 9)
+        for (i, j), row, info in zip(np.asarray(pairs).tolist(), pose_rows(T_i_j), upper, strict=True):
+            file.write(f"EDGE_SE3:QUAT {i} {j} {row} {info}\n")
 
 
 def pose_rows(T: Array) -> list[str]:
     """(n, 4, 4) poses as "x y z qx qy qz qw"."""
-    rows = np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])])
-    return [" ".join(f"{v:.12g}" for v in row) for row in rows]
+    return _lines(np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])]), 12)
+
+
+def _lines(numbers: Array, digits: int) -> list[str]:
+    """(n, k) numbers as n lines, spaces between."""
+    form = " ".join([f"%.{digits}g"] * numbers.shape[1])
+    return [form % tuple(row) for row in numbers.tolist()]
 
 
 def read_g2o(path: Path) -> PoseGraph:

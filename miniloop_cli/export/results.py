@@ -103,13 +103,12 @@ def _write_yaml(run: Registration, path: Path) -> None:
 def _write_inliers(run: Registration, path: Path) -> None:
     """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
     kept = [edge.matches[edge.inliers] if edge.verdict != REJECTED else edge.matches[:0] for edge in run.edges]
-    px_i, px_j = (
-        np.concatenate(
-            [np.zeros((0, 2)), *(side(edge)[rows[:, k]] for edge, rows in zip(run.edges, kept, strict=True))]
-        )
-        for k, side in enumerate((lambda e: run.scans[e.i].features.px, lambda e: run.scans[e.j].features.px))
-    )
-    offsets = np.cumsum([0] + [len(rows) for rows in kept])
+    counts = [len(rows) for rows in kept]
+    rows = np.concatenate([np.zeros((0, 2), np.int64), *kept])
+    px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)])
+    first = np.cumsum([0] + [len(scan.features) for scan in run.scans])  # of each scan in px
+    px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate(pairs_of(run.edges).T))
+    offsets = np.cumsum([0, *counts])
     with atomic_write(path, "wb") as file:
         np.savez(file, offsets=offsets, px_i=px_i.astype(np.float32), px_j=px_j.astype(np.float32))
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from itertools import chain
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,9 +66,17 @@ def found_kept(key: str, store: Store, make: Callable[[], list[Edge]]) -> list[E
 
 def edges_fingerprint(edges: Sequence[Edge]) -> str:
     """Hash of the motions, matches and verdicts of edges; not of the words that say why."""
-    which = np.array([(edge.i, edge.j, VERDICTS.index(edge.verdict)) for edge in edges], np.int64)
-    what = ((edge.matches, edge.inliers, edge.T_j_i, edge.information, edge.covariance) for edge in edges)
-    return content_fingerprint(chain([which], chain.from_iterable(what)))
+
+    def parts() -> Iterator[NDArray[Any]]:
+        for begin in range(0, len(edges), CHUNK):  # one array an edge is slow, one of all edges large
+            some = edges[begin : begin + CHUNK]
+            yield np.array([(e.i, e.j, VERDICTS.index(e.verdict), len(e.matches)) for e in some], np.int64)
+            yield np.concatenate([edge.matches for edge in some])
+            yield np.concatenate([edge.inliers for edge in some])
+            yield np.array([(edge.information, edge.covariance) for edge in some])
+            yield np.array([edge.T_j_i for edge in some])
+
+    return content_fingerprint(parts())
 
 
 def _unpacked_edges(kept: Mapping[str, NDArray[Any]], matches: Matches) -> list[Edge]:

@@ -62,29 +62,26 @@ def render(points: Floats, colors: NDArray[np.uint8], view: View, point_m: float
     rows = np.flatnonzero((z > NEAR_M) & (corner > -LARGEST_PX).all(axis=1) & (corner < size).all(axis=1))
     rows = rows[np.argsort(-z[rows], kind="stable")]  # far to near: the last to be written is the nearest
     z, side = z[rows], side[rows].astype(np.int8)
-    at = ((corner[rows] + LARGEST_PX) @ [1, stride]).astype(np.int64)
-    depth, winner = np.full(canvas, np.inf), np.full(canvas, -1)
-    order = np.arange(len(rows))
+    at = ((corner[rows] + LARGEST_PX) @ [1, stride]).astype(np.int32)
+    winner, order = np.full(canvas, -1, np.int32), np.arange(len(rows), dtype=np.int32)
     for extent in range(int(side.max(initial=0))):
         larger = side > extent
         order, at, side = order[larger], at[larger], side[larger]
         for dx, dy in [(extent, k) for k in range(extent + 1)] + [(k, extent) for k in range(extent)]:
-            layer = np.full(canvas, -1)
-            layer[at + (dx + dy * stride)] = order
-            seen = np.flatnonzero(layer >= 0)
-            seen = seen[z[layer[seen]] < depth[seen]]
-            depth[seen], winner[seen] = z[layer[seen]], layer[seen]
-    inner = (slice(LARGEST_PX, -LARGEST_PX), slice(LARGEST_PX, -LARGEST_PX))
-    winner, depth = winner.reshape(-1, stride)[inner], depth.reshape(-1, stride)[inner]
+            pixels = at + np.int32(dx + dy * stride)
+            winner[pixels] = np.maximum(winner[pixels], order)  # of equal pixels the last, the largest, stays
+    winner = winner.reshape(-1, stride)[LARGEST_PX:-LARGEST_PX, LARGEST_PX:-LARGEST_PX]
     if not len(rows):
         return np.broadcast_to(BACKGROUND, (view.height, view.width, 3)).copy()
-    return shade(np.where(winner[..., None] >= 0, colors[rows[winner]], BACKGROUND), depth)
+    drawn = winner >= 0
+    depth = np.where(drawn, z[winner], np.float32(np.inf))
+    return shade(np.where(drawn[..., None], colors[rows[winner]], BACKGROUND), depth)
 
 
 def shade(picture: NDArray[np.uint8], depth: Floats) -> NDArray[np.uint8]:
     """Darken pixels that lie behind their neighbours (eye-dome lighting, Boucheny 2009): shape shows at once."""
     log_depth = np.log(np.where(np.isfinite(depth), depth, np.nan))
-    behind = np.zeros(depth.shape)
+    behind = np.zeros(depth.shape, depth.dtype)
     for axis in (0, 1):
         for shift in (-2, 2):
             difference = log_depth - np.roll(log_depth, shift, axis)
