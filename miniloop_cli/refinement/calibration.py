@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ Twists = tuple[Floats, Floats]
 CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
 MOST_S = 0.1  # no sensor is that late
-MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 5, 0.02, 0.0015
-FOLLOWING = 0.15  # of the cost's curvature by a time is left where poses and points follow it, as measured
+MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 8, 0.02, 0.0015
+FOLLOWING = 0.15  # of the cost's curvature by a time is about what is left where poses and points follow it
+REST = 1e-4  # relative change of the cost where poses and points have followed
 FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
 LEAST_FELT_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
 NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
@@ -97,8 +98,9 @@ def calibrate(
 ) -> tuple[Timing, Floats]:
     """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
 
-    Newton's method on the two times, each step after a bundle adjustment of part of the tracks, and of a long
-    recording of a part of its frames: the slope of the cost is exact there, its curvature is the secant's. No timing
+    Quasi-Newton steps in the two times, each after a bundle adjustment of part of the tracks, and of a long recording
+    of a part of its frames: the slopes of the cost are exact there. How they change is learned from step to step, as it
+    depends on how far poses and points follow: those of a camera that turns evenly make up for nearly all. No timing
     at all is the answer where it takes away less than LEAST_GAIN of the cost, or where the times leave what a sensor
     can do.
     """
@@ -108,33 +110,42 @@ def calibrate(
     part = part.subset(part.track % max(every, 1) == 0)
     if not len(part.track):
         return NO_TIMING, T
+    # Slopes are those of the cost only where poses and points have come to rest.
+    settings = replace(rough, relative_tolerance=REST)
+    sigma_z_m = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
     # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
-    plain = adjust(T, part, moving.camera, rough, jobs)
-    times, before = np.zeros(2), None
-    result, cost = plain, plain.descent.cost_after
-    path_flow = _path_flow(moving, part, result)
-    for _ in range(MOST_STEPS):
+    plain = result = adjust(T, part, moving.camera, settings, jobs)
+    times, step, before, hessian = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((2, 2))
+    for k in range(MOST_STEPS):
+        path_flow = _path_flow(moving, part, result)
         px, z_m = corrected(part, path_flow, Timing(*times))
-        result = adjust(result.T_world_cam, part, moving.camera, rough, jobs, px, z_m, result.points_world)
-        cost, path_flow = result.descent.cost_after, _path_flow(moving, part, result)
-        sigma_z = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
-        gradient, curvature = slopes(
-            part, path_flow, result.residual_px, result.residual_depth, result.weight_px, result.weight_depth,
-            rough.sigma_px, sigma_z,
-        )  # fmt: skip
-        curvature *= FOLLOWING
-        if before is not None:
-            secant = (gradient - before[1]) / np.where(times == before[0], np.inf, times - before[0])
-            curvature = np.where(secant > 0.3 * curvature, secant, curvature)
-        before = (times, gradient)
-        step = np.clip(-gradient / np.maximum(curvature, 1e-12), -LONGEST_STEP_S, LONGEST_STEP_S)
-        times = times + step
-        if np.abs(step).max() < SETTLED_S:
+        result = adjust(result.T_world_cam, part, moving.camera, settings, jobs, px, z_m, result.points_world)
+        gradient, alone = slopes(part, path_flow, result, settings.sigma_px, sigma_z_m)
+        hessian = _learned(hessian, step, gradient - before) if k else FOLLOWING * np.diag(alone)
+        if k > 1 and np.abs(step).max() < SETTLED_S:
             break
+        step, before = _downhill(gradient, hessian), gradient
+        times = times + step
     least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
-    if not cost < least or not (np.abs(times) < MOST_S).all():
+    if not result.descent.cost_after < least or not (np.abs(times) < MOST_S).all():
         return NO_TIMING, plain.T_world_cam if whole else T
     return Timing(float(times[0]), float(times[1])), result.T_world_cam if whole else T
+
+
+def _downhill(gradient: Floats, hessian: Floats) -> Floats:
+    """Newton's step (2,), along the axes of the Hessian no longer than LONGEST_STEP_S, and that long if downward."""
+    curvature, axes = np.linalg.eigh(hessian)
+    along = gradient @ axes
+    enough = curvature * LONGEST_STEP_S > np.abs(along)
+    return -axes @ np.where(enough, along / np.where(enough, curvature, 1.0), LONGEST_STEP_S * np.sign(along))
+
+
+def _learned(hessian: Floats, step: Floats, change: Floats) -> Floats:
+    """The Hessian (2, 2) that explains how the gradient changed along a step (BFGS); the old one if downward."""
+    curvature, old = step @ change, hessian @ step
+    if not curvature > 0 or not step @ old > 0:
+        return hessian
+    return hessian + np.outer(change, change) / curvature - np.outer(old, old) / (step @ old)
 
 
 def in_busiest_run(frame: NDArray[np.int64], length: int) -> NDArray[np.bool_]:

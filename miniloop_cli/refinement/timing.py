@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.refinement.bundle import BundleResult
 from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
@@ -89,39 +90,23 @@ def _along_surface(measured: Measurements, moving: Flow) -> Floats:
 
 
 def slopes(
-    measured: Measurements,
-    moving: Flow,
-    residual_px: Floats,
-    residual_depth: Floats,
-    weight_px: Floats,
-    weight_depth: Floats,
-    sigma_px: float,
-    sigma_z_m: Floats,
+    measured: Measurements, moving: Flow, adjusted: BundleResult, sigma_px: float, sigma_z_m: Floats
 ) -> tuple[Floats, Floats]:
-    """Derivatives (2,) of half the weighted sum of squares by readout_s and lag_s, and their curvatures (2,).
+    """First and second derivatives (2,) of the cost of an adjustment of the measurements by readout_s and lag_s.
 
-    Residuals are predicted minus measured, in sigmas. At a minimum over poses and points the derivatives are total:
-    what those would gain by following vanishes to first order.
+    At a minimum over poses and points the first are total: what those would gain by following vanishes to first order.
+    The second are those of poses and points that stay.
     """
-    along = _along_surface(measured, moving)
-    with_depth = np.isfinite(residual_depth)
+    with_depth = np.isfinite(adjusted.residual_depth)
     px_by_readout = moving.px * measured.row_share[:, None] / sigma_px
     z_by_readout = np.where(with_depth, measured.row_share * moving.z / sigma_z_m, 0.0)
-    z_by_lag = np.where(with_depth, (moving.z - along) / sigma_z_m, 0.0)
-    r_px, r_z = np.nan_to_num(residual_px), np.nan_to_num(residual_depth)
-    gradient = np.array(
-        [
-            (weight_px * (r_px * px_by_readout).sum(axis=1) + weight_depth * r_z * z_by_readout).sum(),
-            (weight_depth * r_z * z_by_lag).sum(),
-        ]
-    )
-    curvature = np.array(
-        [
-            (weight_px * (px_by_readout**2).sum(axis=1) + weight_depth * z_by_readout**2).sum(),
-            (weight_depth * z_by_lag**2).sum(),
-        ]
-    )
-    return gradient, curvature
+    z_by_lag = np.where(with_depth, (moving.z - _along_surface(measured, moving)) / sigma_z_m, 0.0)
+    w_px, w_z = adjusted.weight_px[:, None], adjusted.weight_depth
+    # Residuals are predicted minus measured, in sigmas.
+    r_px, r_z = w_px * np.nan_to_num(adjusted.residual_px), w_z * np.nan_to_num(adjusted.residual_depth)
+    first = [(r_px * px_by_readout).sum() + r_z @ z_by_readout, r_z @ z_by_lag]
+    second = [(w_px * px_by_readout**2).sum() + w_z @ z_by_readout**2, w_z @ z_by_lag**2]
+    return np.array(first), np.array(second)
 
 
 def camera_depths(measured: Measurements, T_world_cam: Floats, points_world: Floats) -> Floats:

@@ -122,6 +122,40 @@ def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
     assert T.shape == (25, 4, 4)
 
 
+def turning(readout_s, rng, frames=24, points=1500):
+    """Measurements inside a round room of a camera that turns evenly, 15 degrees and a tenth of a second a frame."""
+    around, height = rng.uniform(0, 2 * np.pi, points), rng.uniform(-1.5, 1.5, points)
+    X = np.stack([2.5 * np.sin(around), height, 2.5 * np.cos(around)], axis=1)
+    stamps_s = np.arange(frames) / 10
+
+    def path(t_s):
+        angle = np.radians(150) * t_s
+        R = se3.exp_so3(np.stack([0 * angle, angle, 0 * angle], axis=1))
+        return se3.pose(R, 0.3 * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1))
+
+    frame, track = (k.ravel() for k in np.meshgrid(np.arange(frames), np.arange(points), indexing="ij"))
+    ahead = seen(stamps_s[frame], X[track], path)[1] > 0.3
+    frame, track = frame[ahead], track[ahead]
+    px, z = seen(stamps_s[frame], X[track], path)
+    for _ in range(8):
+        px, z = seen(stamps_s[frame] + readout_s * (px[:, 1] - 239.5) / 480, X[track], path)
+    inside = (z > 0.3) & (px >= 10).all(axis=1) & (px[:, 0] < 630) & (px[:, 1] < 470)
+    frame, track, px, z = frame[inside], track[inside], px[inside], z[inside]
+    row_share, none = (px[:, 1] - 239.5) / 480, np.zeros(len(z))
+    px = px + 0.5 * rng.normal(size=px.shape)
+    z = z + CAMERA.noise.sigma_m(z) * rng.normal(size=len(z))
+    return Measurements(frame, track, row_share, px, z, np.zeros((len(z), 2)), none), path(stamps_s), stamps_s
+
+
+def test_the_readout_of_a_camera_that_turns_evenly_is_found_although_poses_nearly_make_up_for_it():
+    measured, T, stamps_s = turning(0.03, np.random.default_rng(6))
+    moving = MovingCamera(CAMERA, stamps_s, np.ones(len(T), bool))
+    rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
+    timing, _ = calibrate(T, measured, moving, rough, 1)
+    assert timing.readout_s == pytest.approx(0.03, abs=0.006)
+    assert timing.lag_s == pytest.approx(0, abs=0.003)
+
+
 def test_a_part_of_a_long_recording_tells_the_times(monkeypatch):
     monkeypatch.setattr(calibration, "CALIBRATION_FRAMES", 15)
     measured, _ = recording(0.02, -0.02, np.random.default_rng(1))
