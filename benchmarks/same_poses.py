@@ -26,7 +26,7 @@ from miniloop_cli.bench.averaging_peers import gtsam_rotations, pycolmap_rotatio
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging, load_settings
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, Edge, judge
+from miniloop_cli.graph.edges import VERIFIED, Edge, judge, pairs_of
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
 from miniloop_cli.refinement.posegraph import refine_pose_graph
@@ -75,7 +75,7 @@ def miniloop_pose_graph(edges: list[Edge], count: int, settings: Averaging) -> F
     kept = [e for e in kept if e.verdict == VERIFIED]
     return refine_pose_graph(
         poses.T_world_cam,
-        [(e.i, e.j) for e in kept],
+        pairs_of(kept),
         np.array([e.T_j_i for e in kept]),
         np.array([e.information for e in kept]),
     ).T_world_cam
@@ -86,10 +86,10 @@ def main() -> None:
     sequence, settings = open_sequence(options.sequence), load_settings(overrides=("refine=none",))
     run = register(sequence, settings, Store(default_folder()), Workers(), options.seed)
     edges = [e for e in (judge(edge, settings.verification) for edge in run.edges) if e.verdict == VERIFIED]
-    scans = np.flatnonzero(components(len(sequence.frames), [(e.i, e.j) for e in edges]) == 0).tolist()
+    scans = np.flatnonzero(components(len(sequence.frames), pairs_of(edges)) == 0).tolist()
     place = {scan: k for k, scan in enumerate(scans)}
     edges = [replace(e, i=place[e.i], j=place[e.j]) for e in edges if e.i in place]
-    count, pairs = len(scans), np.array([(e.i, e.j) for e in edges])
+    count, pairs = len(scans), pairs_of(edges)
     T_j_i = np.array([e.T_j_i for e in edges])
     view = ViewGraph(np.tile(np.eye(4), (count, 1, 1)), pairs, T_j_i, np.zeros(len(edges), bool))
     inliers = np.array([e.inlier_count for e in edges], float)

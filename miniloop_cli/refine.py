@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from miniloop_cli.config import Settings
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import Edge
+from miniloop_cli.graph.edges import Edge, pairs_of
 from miniloop_cli.graph.overlap import Pair
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
@@ -53,7 +53,7 @@ def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:
     """Pose graph of the edges."""
     result = refine_pose_graph(
         poses.T_world_cam,
-        [(e.i, e.j) for e in inside],
+        pairs_of(inside),
         np.array([e.T_j_i for e in inside]),
         np.array([e.information for e in inside]),
     )

@@ -19,7 +19,7 @@ from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.evaluation.results import read_edge_list
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, judge
+from miniloop_cli.graph.edges import VERIFIED, judge, pairs_of
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration, register
 from miniloop_cli.scans import open_sequence, read_ground_truth
@@ -169,7 +169,7 @@ def _same(a: Camera, b: Camera) -> bool:
 def _verified(run: Registration | None) -> NDArray[np.int64]:
     """(e, 2) frames of the verified edges."""
     edges = run.edges if run else []
-    return np.array([(e.i, e.j) for e in edges if e.verdict == VERIFIED], np.int64).reshape(-1, 2)
+    return pairs_of([e for e in edges if e.verdict == VERIFIED])
 
 
 def _scores(
@@ -194,7 +194,7 @@ def _estimates(run: Registration | None, stamps: NDArray[np.float64], truth: Tra
     found = [e for e in found if e.verdict == VERIFIED]
     if not found:
         return dict.fromkeys(("estimate_deg", "estimate_cm", "wrong_share"))
-    i, j = np.array([(e.i, e.j) for e in found]).T
+    i, j = pairs_of(found).T
     E = se3.inverse(T_true[i]) @ T_true[j] @ np.array([e.T_j_i for e in found])
     deg, cm = se3.rotation_angle_deg(E[:, :3, :3]), 100 * np.linalg.norm(E[:, :3, 3], axis=1)
     wrong = float(((deg > WRONG_DEG) | (cm > WRONG_CM)).mean())

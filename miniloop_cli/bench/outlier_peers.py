@@ -16,7 +16,7 @@ from miniloop_cli.bench.outliers import Solution, Solve
 from miniloop_cli.bench.view_graphs import Floats, ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import Edge, adjoint
+from miniloop_cli.graph.edges import Edge, adjoint, pairs_of
 
 MEDIAN_CHI2 = 5.348  # of six degrees of freedom
 
@@ -78,7 +78,7 @@ def _start(graph: TrueGraph, edges: Sequence[Edge]) -> Any:
 
 def _excess(graph: TrueGraph) -> float:
     """How much larger the true edges' squared errors are than their information matrices say."""
-    i, j = np.array([(e.i, e.j) for e in graph.edges]).T
+    i, j = pairs_of(graph.edges).T
     E = se3.inverse(graph.T_world_cam[j]) @ graph.T_world_cam[i] @ se3.inverse(np.array([e.T_j_i for e in graph.edges]))
     xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
     chi2 = np.einsum("ma,mab,mb->m", xi, np.array([e.information for e in graph.edges]), xi)
@@ -103,7 +103,7 @@ def pycolmap(graph: TrueGraph, edges: Sequence[Edge]) -> Solution:
     T, posed = _nothing(graph)
     place = np.full(len(T), -1)
     place[graph.scans] = np.arange(len(graph.scans))
-    pairs = place[np.array([(e.i, e.j) for e in edges])]
+    pairs = place[pairs_of(edges)]
     compact = ViewGraph(
         graph.T_world_cam[graph.scans], pairs, np.array([e.T_j_i for e in edges]), np.zeros(len(edges), bool)
     )

@@ -9,6 +9,7 @@ from types import FrameType
 from miniloop_cli.errors import interrupted
 
 AGAIN_S = 0.5
+COME_AGAIN = hasattr(signal, "setitimer")  # not so on Windows
 
 
 def heed_interrupts() -> None:
@@ -20,19 +21,19 @@ def heed_interrupts() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in the background of a shell script
             signal.signal(number, _interrupt)
-    if hasattr(signal, "setitimer"):
+    if COME_AGAIN:
         signal.signal(signal.SIGALRM, _again)
-    sys.unraisablehook = _say
+    sys.unraisablehook = _forgotten
 
 
 def interrupts_are_over() -> None:
     """No interrupt comes again."""
-    if hasattr(signal, "setitimer"):
+    if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _interrupt(*_: int | FrameType | None) -> None:
-    if hasattr(signal, "setitimer"):
+    if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
     raise KeyboardInterrupt
 
@@ -42,7 +43,7 @@ def _again(*_: int | FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
-def _say(unraisable: sys.UnraisableHookArgs) -> None:
+def _forgotten(unraisable: sys.UnraisableHookArgs) -> None:
     """An error in a callback of a library is printed by Python and forgotten; an interrupt comes again instead."""
-    if not issubclass(unraisable.exc_type, KeyboardInterrupt) or not hasattr(signal, "setitimer"):
+    if not issubclass(unraisable.exc_type, KeyboardInterrupt) or not COME_AGAIN:
         sys.__unraisablehook__(unraisable)

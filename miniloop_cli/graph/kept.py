@@ -43,24 +43,17 @@ def _packed_matches(matches: Matches) -> dict[str, NDArray[Any]]:
 
 def edges_kept(matches: Matches, key: str, store: Store, make: Callable[[], list[Edge]]) -> list[Edge]:
     """Solved edges from the store or made now; `matches` are those they were made from."""
-    edges_key = fingerprint("edges", key)
-    kept = store.load("edges", edges_key)
-    if kept is None:
-        edges = make()
-        store.save("edges", edges_key, _packed_edges(edges))
-        return edges
-    return _unpacked_edges(kept, matches)
+    return _unpacked_edges(store.kept("edges", fingerprint("edges", key), lambda: _packed_edges(make())), matches)
 
 
 def found_kept(key: str, store: Store, make: Callable[[], list[Edge]]) -> list[Edge]:
     """Edges with matches of their own, as a second round finds them, from the store or made now."""
-    found_key = fingerprint("found", key)
-    kept = store.load("found", found_key)
-    if kept is None:
+
+    def packed() -> dict[str, NDArray[Any]]:
         edges = make()
-        matches = {(edge.i, edge.j): edge.matches for edge in edges}
-        store.save("found", found_key, _packed_edges(edges) | _packed_matches(matches))
-        return edges
+        return _packed_edges(edges) | _packed_matches({(edge.i, edge.j): edge.matches for edge in edges})
+
+    kept = store.kept("found", fingerprint("found", key), packed)
     return _unpacked_edges(kept, _unpacked_matches(kept))
 
 
