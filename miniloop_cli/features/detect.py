@@ -29,6 +29,10 @@ class Detection:
     response: NDArray[np.float32]
     descriptors: NDArray[Any]
 
+    def rows(self, which: NDArray[np.int64]) -> Detection:
+        """The keypoints of these rows, in this order."""
+        return Detection(self.px[which], self.radius_px[which], self.response[which], self.descriptors[which])
+
 
 def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.02) -> Detection:
     """Detect and describe the `count` strongest features of a (h, w) uint8 image.

@@ -44,13 +44,27 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     import cv2
 
     gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
-    found = detect(gray, features.type, features.count, features.contrast)
+    if scan.mask is None or not scan.mask.any():
+        found = detect(gray, features.type, features.count, features.contrast)
+    else:  # about as many for the rest of the image as there would be for all of it
+        count = int(np.ceil(features.count / max(1 - scan.mask.mean(), 0.1)))
+        found = detect(gray, features.type, count, features.contrast)
+        found = found.rows(np.flatnonzero(clear_of(scan.mask, found.px, found.radius_px))[: features.count])
     z_m = depth_at(scan.depth_m, found.px, depth)
     slope = depth_slope(scan.depth_m, found.px, z_m, depth)
     outline = on_outline(scan.depth_m, found.px, found.radius_px, z_m)
     columns = (found.px, camera.undistort(found.px), z_m, slope, outline, found.descriptors)
     order = np.argsort(np.isnan(z_m), kind="stable")
     return ScanFeatures(*(column[order] for column in columns))
+
+
+def clear_of(mask: NDArray[np.bool_], px: NDArray[np.float64], radius_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Whether features at pixels (n, 2) keep their radius (n,) away from what a mask (h, w) hides: (n,)."""
+    import cv2
+
+    away_px = cv2.distanceTransform(np.uint8(~mask), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    x, y = np.clip(np.rint(px).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
+    return away_px[y, x] > radius_px
 
 
 def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: Depth) -> NDArray[np.float64]:

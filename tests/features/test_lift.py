@@ -4,8 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.config import Depth
-from miniloop_cli.features.lift import depth_at, depth_slope, on_outline
+from miniloop_cli.config import Depth, Features
+from miniloop_cli.features.detect import detect
+from miniloop_cli.features.lift import clear_of, depth_at, depth_slope, on_outline, scan_features
+from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scans.sequence import Scan
 
 PLAIN = Depth()
 
@@ -48,3 +51,25 @@ def test_a_feature_is_on_an_outline_if_depth_jumps_within_its_radius():
     assert on_outline(depth_m, px, radius_px, z_m).tolist() == [False, True, True, False, True]
     slanted = np.tile(np.linspace(1.0, 2.0, 60, dtype=np.float32), (60, 1))
     assert not on_outline(slanted, px[:1], radius_px[:1], np.array([1.339])).any()
+
+
+def test_no_feature_reaches_into_a_mask_and_the_rest_of_the_image_has_about_as_many():
+    coarse = np.random.default_rng(0).integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    color = np.kron(coarse, np.ones((8, 8, 1), np.uint8))
+    mask = np.zeros((320, 480), bool)
+    mask[60:260, 150:400] = True
+    camera, wanted = Camera(450, 450, 239.5, 159.5, 480, 320), Features(count=150)
+    depth_m = np.full((320, 480), 2.0, np.float32)
+    depth_m[mask] = 0
+    found = scan_features(Scan(color, depth_m, mask), camera, wanted, PLAIN)
+    open_ = scan_features(Scan(color, depth_m), camera, wanted, PLAIN)
+    x, y = np.rint(found.px).astype(int).T
+    assert 0.8 * 150 <= len(found) <= 150
+    assert not mask[y, x].any() and np.isfinite(found.z_m).all()
+    assert mask[tuple(np.rint(open_.px).astype(int).T[::-1])].any(), "without a mask, features lie there"
+    everywhere = detect(color[..., 1], "sift", 1000)
+    clear = clear_of(mask, everywhere.px, everywhere.radius_px)
+    v, u = np.nonzero(mask)
+    for px, radius, is_clear in zip(everywhere.px[::50], everywhere.radius_px[::50], clear[::50], strict=True):
+        nearest = np.hypot(*(np.rint(px)[:, None] - [u, v])).min()
+        assert is_clear == (nearest > radius)
