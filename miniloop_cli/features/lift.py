@@ -53,7 +53,8 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     z_m = depth_at(scan.depth_m, found.px, depth)
     slope = depth_slope(scan.depth_m, found.px, z_m, depth)
     outline = on_outline(scan.depth_m, found.px, found.radius_px, z_m)
-    columns = (found.px, camera.undistort(found.px), z_m, slope, outline, found.descriptors)
+    middle = found.px + blob_shift(found.radius_px, z_m, slope) if "sift" in features.type else found.px
+    columns = (found.px, camera.undistort(middle), z_m, slope, outline, found.descriptors)
     order = np.argsort(np.isnan(z_m), kind="stable")
     return ScanFeatures(*(column[order] for column in columns))
 
@@ -102,6 +103,22 @@ def depth_slope(
         smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
         slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
     return slope
+
+
+BLOB = (
+    1.26 / 4
+)  # SIFT's radius is two sigma, and the blob's variance 2^(1/3) sigma^2, between the two Gaussians of a layer
+
+
+def blob_shift(
+    radius_px: NDArray[np.float32], z_m: NDArray[np.float64], slope: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Pixels (n, 2) from where SIFT finds blobs of radius (n,), at depths z_m (n,) of slope (n, 2), to their middles.
+
+    A round blob on a slanted surface is larger on the side that is nearer, and the extremum of its Laplacian at its
+    own variance t lies t slope / z off its middle, to that side (docs/how-it-works.md). 0 where there is no depth.
+    """
+    return np.nan_to_num(BLOB * radius_px[:, None] ** 2 * slope / z_m[:, None])
 
 
 OUTLINE_PX = 3.0  # depth is not as sharp as colour

@@ -69,13 +69,14 @@ def adjust_moving(
     """
     if timing != NO_TIMING:
         return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
-    plain = adjust(T, measured, moving.camera, fine, jobs)
-    on_path = moving.path_twists(plain.T_world_cam)[1].any(axis=1)
-    if not feel or on_path.sum() > moving.known.sum() / 2:
-        return plain, timing
-    felt = _undone(plain.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True)
-    enough = felt.descent.cost_after < (1 - LEAST_FELT_GAIN) * plain.descent.cost_after
-    return (felt, ASSUMED) if enough else (plain, timing)
+    even = replace(rough, relative_tolerance=fine.relative_tolerance)
+    plain = adjust(T, measured, moving.camera, even, jobs)
+    T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
+    if feel and on_path.sum() <= moving.known.sum() / 2:
+        felt = _undone(T, measured, moving, ASSUMED, rough, even, jobs, True)
+        if felt.descent.cost_after < (1 - LEAST_FELT_GAIN) * plain.descent.cost_after:
+            return _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True), ASSUMED
+    return adjust(T, measured, moving.camera, fine, jobs, points=points), timing
 
 
 def _undone(
