@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ Floats = NDArray[np.float64]
 MIN_SHARED = 10  # tracks that tie two scans to each other
 # Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
 # a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
-SHARP = {"sigma_px": 0.25, "scale_px": 3.0, "scale_depth": 1.0}
+SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-4)
 COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 
 
@@ -85,7 +86,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
         tracked = _measure(pairs + more, matches + _guided(T, more, scans, settings, workers), scans, 2)
         if not tied(tracked, known):
             return None
-    fine = BundleSettings(**SHARP, depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-4)
+    fine = replace(SHARP, depth_sigma_factor=settings.bundle.depth_sigma_factor)
     moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
     if settings.bundle.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)

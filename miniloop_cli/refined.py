@@ -65,9 +65,10 @@ def refined(
 
         found = refine(beginning(edges, count), inside, scans, settings, workers)
         timing = np.array([found.timing.readout_s, found.timing.lag_s])
-        return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing}
+        # The last bits depend on how a kernel was compiled; without them a zero has one sign, a point one rounding.
+        T_world_cam = np.round(found.poses.T_world_cam, 12) + 0.0
+        return {"T_world_cam": T_world_cam, "covariance": found.covariance, "timing_s": timing}
 
     kept = store.kept("refined", key, make)
-    # The last bits depend on how a kernel was compiled; without them a zero has no sign and a point no other rounding.
-    T_world_cam = np.where(of_largest[:, None, None], np.round(kept["T_world_cam"], 12) + 0.0, poses.T_world_cam)
+    T_world_cam = np.where(of_largest[:, None, None], kept["T_world_cam"], poses.T_world_cam)
     return Refined(Poses(T_world_cam, poses.component), kept["covariance"], Timing(*kept["timing_s"].tolist()))

@@ -44,11 +44,10 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     import cv2
 
     gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
-    if scan.mask is None or not scan.mask.any():
-        found = detect(gray, features.type, features.count, features.contrast)
-    else:  # about as many for the rest of the image as there would be for all of it
-        count = int(np.ceil(features.count / max(1 - scan.mask.mean(), 0.1)))
-        found = detect(gray, features.type, count, features.contrast)
+    hidden = 0.0 if scan.mask is None else scan.mask.mean()
+    # About as many for the part of the image that is not hidden as there would be for all of it.
+    found = detect(gray, features.type, int(np.ceil(features.count / max(1 - hidden, 0.1))), features.contrast)
+    if scan.mask is not None:
         found = found.rows(np.flatnonzero(clear_of(scan.mask, found.px, found.radius_px))[: features.count])
     z_m = depth_at(scan.depth_m, found.px, depth)
     slope = depth_slope(scan.depth_m, found.px, z_m, depth)
@@ -105,9 +104,9 @@ def depth_slope(
     return slope
 
 
-BLOB = (
-    1.26 / 4
-)  # SIFT's radius is two sigma, and the blob's variance 2^(1/3) sigma^2, between the two Gaussians of a layer
+# Variance of a blob in its radius squared: SIFT's radius is two sigma, and the variance 2^(1/3) sigma^2, between those
+# of the two Gaussians of a layer.
+BLOB = 2 ** (1 / 3) / 4
 
 
 def blob_shift(
@@ -116,7 +115,7 @@ def blob_shift(
     """Pixels (n, 2) from where SIFT finds blobs of radius (n,), at depths z_m (n,) of slope (n, 2), to their middles.
 
     A round blob on a slanted surface is larger on the side that is nearer, and the extremum of its Laplacian at its
-    own variance t lies t slope / z off its middle, to that side (docs/how-it-works.md). 0 where there is no depth.
+    own variance t lies t slope / z off its middle, to that side (docs/refinement.md). 0 where there is no depth.
     """
     return np.nan_to_num(BLOB * radius_px[:, None] ** 2 * slope / z_m[:, None])
 

@@ -9,13 +9,16 @@ two unknown times, one of each for a whole recording, are found as those under w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.refinement.bundle import BundleResult
 from miniloop_cli.scans.camera import Camera
+
+if TYPE_CHECKING:  # a run that finds refined poses in the store needs no bundle adjustment
+    from miniloop_cli.refinement.bundle import BundleResult
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -104,8 +107,9 @@ def slopes(
     w_px, w_z = adjusted.weight_px[:, None], adjusted.weight_depth
     # Residuals are predicted minus measured, in sigmas.
     r_px, r_z = w_px * np.nan_to_num(adjusted.residual_px), w_z * np.nan_to_num(adjusted.residual_depth)
-    first = [(r_px * px_by_readout).sum() + r_z @ z_by_readout, r_z @ z_by_lag]
-    second = [(w_px * px_by_readout**2).sum() + w_z @ z_by_readout**2, w_z @ z_by_lag**2]
+    # Sums, not products of a matrix library, whose last bits depend on where an array lies in memory.
+    first = [(r_px * px_by_readout).sum() + (r_z * z_by_readout).sum(), (r_z * z_by_lag).sum()]
+    second = [(w_px * px_by_readout**2).sum() + (w_z * z_by_readout**2).sum(), (w_z * z_by_lag**2).sum()]
     return np.array(first), np.array(second)
 
 

@@ -1,12 +1,13 @@
 """Depth at features: exact on planes, refused at holes, edges and out of range."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.config import Depth, Features
 from miniloop_cli.features.detect import detect
-from miniloop_cli.features.lift import clear_of, depth_at, depth_slope, on_outline, scan_features
+from miniloop_cli.features.lift import blob_shift, clear_of, depth_at, depth_slope, on_outline, scan_features
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Scan
 
@@ -73,3 +74,23 @@ def test_no_feature_reaches_into_a_mask_and_the_rest_of_the_image_has_about_as_m
     for px, radius, is_clear in zip(everywhere.px[::50], everywhere.radius_px[::50], clear[::50], strict=True):
         nearest = np.hypot(*(np.rint(px)[:, None] - [u, v])).min()
         assert is_clear == (nearest > radius)
+
+
+@pytest.mark.parametrize("sigma_px", [3.0, 6.0, 8.0])
+def test_sift_finds_a_blob_on_a_slanted_surface_off_its_middle_and_the_shift_is_taken_off(sigma_px):
+    """Depth is z0 / (1 - p u), u px right of the middle: there lies the place (u, v) / (1 - p u) of the surface."""
+    p, middle = 0.008, np.array([160.3, 120.2])
+    v, u = np.mgrid[0:240, 0:320]
+    near = 1 - p * (u - middle[0])
+    x, y = (u - middle[0]) / near, (v - middle[1]) / near
+    found = detect((40 + 180 * np.exp(-(x**2 + y**2) / (2 * sigma_px**2))).astype(np.uint8), "sift", 50)
+    k = np.argmin(np.linalg.norm(found.px - middle, axis=1))
+    off = found.px[k] - middle
+    shift = blob_shift(found.radius_px[k : k + 1], np.array([2.0]), np.array([[2.0 * p, 0.0]]))[0]
+    assert off[0] == pytest.approx(-p * sigma_px**2, rel=0.1), "found on the nearer side"
+    assert np.abs(off + shift).max() < 0.04
+    assert shift[1] == 0
+
+
+def test_no_blob_is_moved_where_depth_is_unknown():
+    assert np.array_equal(blob_shift(np.float32([5]), np.array([np.nan]), np.zeros((1, 2))), [[0, 0]])
