@@ -96,6 +96,8 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         if runs:
             parts += [f"## {sequence.name}", table(*sections.whole_runs(runs, paths, sequence))]
             parts += [sections.ratios(runs), table(*sections.stages(runs))]
+        if again := read(folder / "again.json"):
+            parts += [sections.AGAIN_TEXT, table(*sections.again(again, runs))]
         if same := read(folder / "same-poses.json"):
             parts += [sections.same_poses_text(same), table(*sections.same_poses(same, folder, sequence))]
         if ablation := read(folder / "ablation.json"):

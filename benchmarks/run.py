@@ -76,6 +76,7 @@ def jobs(sequences: list[Path], results: Path) -> list[Job]:
         add("open3d", "open3d_multiway")
         add("open3d-opencv", "open3d_multiway", "--matcher", "opencv")
         add("pycolmap", "pycolmap_sfm")
+        add("again", "again")
         add("same-poses", "same_poses")
         add("matching", "matching")
         edges = ["--edges", str(edge_list(sequence))] if edge_list(sequence).is_file() else []

@@ -24,6 +24,9 @@ neighbours is taken differs)."""
 AVERAGING_TEXT = """\
 `miniloop bench averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of the
 call, wall clock. miniloop's include translations, pycolmap's and gtsam's (Shonan) are rotations alone."""
+AGAIN_TEXT = """\
+`miniloop register -q` as it is called, report and model included: from nothing, then again into the same folder with
+one setting of the averaging changed."""
 ABLATION_TEXT = """\
 One thing changed at a time (`miniloop bench ablation`). Wrong: share of edges whose own estimate, before averaging, is
 off by more than 5 deg or 10 cm. Seconds of all stages after the features, in one process with everything compiled."""
@@ -93,6 +96,16 @@ def stages(runs: dict[str, Json]) -> Table:
         cells = [run["stages"].get(stage) for stage in names]
         rows.append([name] + [f"{text(c['wall'])} / {text(c['cpu'])}" if c else "" for c in cells])
     return ["stage: wall / CPU s", *names], rows
+
+
+def again(found: Json, runs: dict[str, Json]) -> Table:
+    """A run, and the same run with one setting changed, beside Open3D's multiway registration."""
+    rows, whole = [], found["rows"][0]["wall"]
+    multiway = next((run["usage"]["wall"] for name, run in runs.items() if name.startswith("Open3D")), None)
+    for row in found["rows"]:
+        shares = [f"{100 * row['wall'] / other:.1f} %" if other else None for other in (whole, multiway)]
+        rows.append([row["changed"] or "(from nothing)", row["wall"], row["cpu"], *shares])
+    return ["changed", "wall s", "CPU s", "of the run from nothing", "of Open3D multiway's wall s"], rows
 
 
 def same_poses_text(found: Json) -> str:
