@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
+from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.features.view import View
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.alike import agreements
@@ -50,13 +50,13 @@ class Witness:
 
     def _answers(self, pairs: NDArray[np.int64], T_j_i: Floats) -> list[list[int]]:
         """For and against, of pairs (m, 2) of scans that have views."""
-        key = fingerprint("alike", self.key, content_fingerprint([pairs, T_j_i]))
-        kept = self.store.load("alike", key) if self.store and len(pairs) else None
-        if kept is None:
+
+        def said() -> Arrays:
             views = ((self.views[i], self.views[j]) for i, j in pairs)
-            kept = {"said": np.array(agreements(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
-            if self.store and len(pairs):
-                self.store.save("alike", key, kept)
+            return {"said": np.array(agreements(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
+
+        key = fingerprint("alike", self.key, content_fingerprint([pairs, T_j_i]))
+        kept = self.store.kept("alike", key, said) if self.store and len(pairs) else said()
         return kept["said"].tolist()
 
     def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
