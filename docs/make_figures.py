@@ -26,10 +26,10 @@ from miniloop_cli.evaluation.results import Results
 from miniloop_cli.export.mesh import fuse
 from miniloop_cli.export.model import Model
 from miniloop_cli.geometry import se3
+from miniloop_cli.pictures.images import match_picture
+from miniloop_cli.pictures.splat import overview, render
 from miniloop_cli.report import charts
 from miniloop_cli.report.data import load
-from miniloop_cli.report.images import match_picture
-from miniloop_cli.report.splat import overview, render
 from miniloop_cli.scans import open_sequence
 
 IMG = Path(__file__).with_name("img")

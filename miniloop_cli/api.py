@@ -80,15 +80,17 @@ def register(
 
 
 def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
-    """All files of a run; the log before the report, which shows it."""
+    """All files of a run; the log before the report, which shows it; both tell of what the other files hold."""
     from miniloop_cli.export.log import write_log
     from miniloop_cli.export.results import write_results
     from miniloop_cli.report import write_report
+    from miniloop_cli.report.data import load
 
     LOG.info("writing %s", target)
     write_results(run, target, workers, store)
-    write_log(run, target, problem)
-    write_report(target, run.sequence)
+    data = load(target, run.sequence)
+    write_log(run, data, problem)
+    write_report(data, store)
 
 
 def evaluate(

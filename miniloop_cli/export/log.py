@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import yaml
@@ -13,21 +12,21 @@ from miniloop_cli.export.results import versions
 from miniloop_cli.export.tables import reason
 from miniloop_cli.files import atomic_write
 from miniloop_cli.pipeline import Registration
-from miniloop_cli.report.data import load
+from miniloop_cli.report.data import ReportData
 from miniloop_cli.report.verdict import judge
 
 
-def write_log(run: Registration, folder: Path, problem: str = "") -> None:
-    """Write log.txt into the folder that holds the other results of the run; `problem`: why it failed."""
-    with atomic_write(folder / "log.txt") as file:
-        file.write("".join(f"{printable(line, 2000)}\n" for line in log_lines(run, folder, problem)))
+def write_log(run: Registration, data: ReportData, problem: str = "") -> None:
+    """Write log.txt beside the other results of the run, which `data` was read from; `problem`: why it failed."""
+    with atomic_write(data.results.root / "log.txt") as file:
+        file.write("".join(f"{printable(line, 2000)}\n" for line in log_lines(run, data, problem)))
 
 
-def log_lines(run: Registration, folder: Path, problem: str = "") -> list[str]:
+def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[str]:
     """The lines of log.txt."""
     sequence, camera = run.sequence, run.sequence.camera
     lens = ", ".join(f"{value:g}" for value in camera.distortion) if any(camera.distortion) else "none"
-    verdict = judge(load(folder, sequence))
+    verdict = judge(data)
     problems = [
         f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {reason(run, k)}"
         for k in np.flatnonzero(run.poses.component != 0).tolist()

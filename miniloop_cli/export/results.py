@@ -105,12 +105,12 @@ def _write_inliers(run: Registration, path: Path) -> None:
     kept = [edge.matches[edge.inliers] if edge.verdict != REJECTED else edge.matches[:0] for edge in run.edges]
     counts = [len(rows) for rows in kept]
     rows = np.concatenate([np.zeros((0, 2), np.int64), *kept])
-    px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)])
+    px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)]).astype(np.float32)
     first = np.cumsum([0] + [len(scan.features) for scan in run.scans])  # of each scan in px
     px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate(pairs_of(run.edges).T))
     offsets = np.cumsum([0, *counts])
     with atomic_write(path, "wb") as file:
-        np.savez(file, offsets=offsets, px_i=px_i.astype(np.float32), px_j=px_j.astype(np.float32))
+        np.savez(file, offsets=offsets, px_i=px_i, px_j=px_j)
 
 
 def _write_graph(run: Registration, path: Path) -> None:

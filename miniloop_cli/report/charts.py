@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.pictures.images import data_uri, png
 from miniloop_cli.report.data import Edges, Frames, ReportData
-from miniloop_cli.report.images import data_uri
 from miniloop_cli.report.svg import Chart, limits, wrap
 from miniloop_cli.scans.sequence import Trajectory
 
@@ -81,7 +81,7 @@ def overlap_matrix(edges: Edges, n: int) -> str:
         "Overlap matrix", (-0.5, n - 0.5), (-0.5, n - 0.5), "frame", "frame", equal=True, down=True, height=460
     )
     end = size * block - 0.5
-    chart.image(data_uri(colors, lossless=True), (-0.5, end), (-0.5, end))
+    chart.image(data_uri(png(colors), "png"), (-0.5, end), (-0.5, end))
     return chart.svg()
 
 

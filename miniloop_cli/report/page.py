@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from miniloop_cli import __version__
+from miniloop_cli.artefacts import Store
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
 from miniloop_cli.files import atomic_write
 from miniloop_cli.report import sections
-from miniloop_cli.report.data import ReportData, load
+from miniloop_cli.report.data import ReportData
 from miniloop_cli.report.verdict import GOOD, judge
 from miniloop_cli.scans import read_ground_truth
-from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.scans.sequence import Trajectory
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
@@ -27,14 +28,13 @@ if TYPE_CHECKING:
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 
 
-def write_report(results_dir: Path, sequence: Sequence | None = None) -> Path:
-    """Write `report.html` into a results folder and return its path.
+def write_report(data: ReportData, store: Store) -> Path:
+    """Write `report.html` into the results folder that `data` was read from, and return its path.
 
-    `sequence` adds images of the frames and, where the recording has one, the ground truth. Files that are missing
-    from the folder leave their sections out; a run without any pose still gets its verdict.
-    Raises InputError for files that are malformed.
+    A sequence in `data` adds images of the frames and, where the recording has one, the ground truth. Files that are
+    missing from the folder leave their sections out; a run without any pose still gets its verdict. Pictures are kept
+    in `store`. Raises InputError for files that are malformed.
     """
-    data = load(results_dir, sequence)
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)
     verdict = judge(data, evaluation)
@@ -43,10 +43,10 @@ def write_report(results_dir: Path, sequence: Sequence | None = None) -> Path:
     body = [
         sections.verdict_section(verdict),
         sections.trajectory_section(data, trajectory, evaluation),
-        sections.model_section(data, trajectory),
+        sections.model_section(data, trajectory, store),
         sections.overlap_section(data),
         sections.edges_section(data),
-        sections.worst_section(data),
+        sections.worst_section(data, store),
         sections.frames_section(data),
         sections.run_section(data),
     ]

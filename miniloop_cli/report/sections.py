@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from miniloop_cli.artefacts import Store
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.evaluation.results import LARGEST
-from miniloop_cli.export.ply import read_ply
+from miniloop_cli.pictures.images import data_uri, frame_image, jpeg
+from miniloop_cli.pictures.kept import edge_picture, model_pictures
 from miniloop_cli.report import charts
 from miniloop_cli.report.data import Edges, ReportData
-from miniloop_cli.report.images import data_uri, frame_image, match_picture
-from miniloop_cli.report.splat import overview, render
 from miniloop_cli.report.verdict import Verdict, left_out, runs
 from miniloop_cli.scans.sequence import Trajectory
 
@@ -24,7 +24,6 @@ WORST_EDGES = 10
 MOST_ROWS = 5000  # of the edge table; the rest is in edges.csv
 FIRST_ROWS = 25  # shown at once; page.js shows as many
 MOST_THUMBNAILS = 24
-FARTHEST_M = 1e6
 COLUMNS = ("i", "j", "deg", "cm", "matches", "inliers", "verdict", "solver", "cycle")
 
 
@@ -87,25 +86,20 @@ def trajectory_section(data: ReportData, trajectory: Trajectory | None, evaluati
     return section("Trajectory", figure(charts.trajectory_charts(data, trajectory, evaluation), words, "pair"), errors)
 
 
-def model_section(data: ReportData, trajectory: Trajectory | None) -> str:
+def model_section(data: ReportData, trajectory: Trajectory | None, store: Store) -> str:
     """Two pictures of cloud.ply."""
     path = data.results.root / "cloud.ply"
     if trajectory is None or not path.is_file():
         return ""
     try:
-        points, colors = read_ply(path)
+        count, pictures = model_pictures(path, trajectory.T_world_cam, store)
     except InputError as error:
         return section("Model", f"<p>{escape(str(error))}</p>")
-    sane = (np.abs(points) < FARTHEST_M).all(axis=1)
-    points, colors = points[sane], colors[sane]
-    if len(points) < 10:
+    if not pictures:
         return section("Model", "<p>cloud.ply is empty.</p>")
-    pictures = []
-    for yaw_deg, pitch_deg in ((0, 0), (25, 30)):
-        view = overview(points, trajectory.T_world_cam, yaw_deg, pitch_deg, (960, 640))
-        pictures.append(f'<img alt="the model" src="{data_uri(render(points, colors, view))}">')
-    words = f"cloud.ply, {len(points):,} points: as the cameras looked on average, and turned by 25 and 30 degrees."
-    return section("Model", figure("".join(pictures), words, "pair"))
+    shown = "".join(f'<img alt="the model" src="{data_uri(picture)}">' for picture in pictures)
+    words = f"cloud.ply, {count:,} points: as the cameras looked on average, and turned by 25 and 30 degrees."
+    return section("Model", figure(shown, words, "pair"))
 
 
 def overlap_section(data: ReportData) -> str:
@@ -171,7 +165,7 @@ def edges_section(data: ReportData) -> str:
     )
 
 
-def worst_section(data: ReportData) -> str:
+def worst_section(data: ReportData, store: Store) -> str:
     """The worst edges with their inlier matches drawn on the images."""
     edges, parts = data.edges, []
     if data.sequence is None or not len(data.frames):
@@ -179,7 +173,7 @@ def worst_section(data: ReportData) -> str:
     for k in edges.worst_first[:WORST_EDGES]:
         i, j = int(edges.i[k]), int(edges.j[k])
         nothing = np.empty((0, 2))
-        picture = match_picture(data.sequence, i, j, *data.inlier_px.get(int(k), (nothing, nothing)))
+        picture = edge_picture(data.sequence, i, j, *data.inlier_px.get(int(k), (nothing, nothing)), store)
         if picture is None:
             continue
         words = (
@@ -200,7 +194,7 @@ def frames_section(data: ReportData) -> str:
     for k in missing[:: max(1, -(-len(missing) // MOST_THUMBNAILS))] if data.sequence else []:
         found = frame_image(data.sequence, int(k), 200)
         if found:
-            thumbnails.append(figure(f'<img alt="frame {k}" src="{data_uri(found[0])}">', f"{k}"))
+            thumbnails.append(figure(f'<img alt="frame {k}" src="{data_uri(jpeg(found[0]))}">', f"{k}"))
     strip = f'<div class="strip">{"".join(thumbnails)}</div>' if thumbnails else ""
     shown = charts.frame_charts(frames)
     words = "Green line: features with depth." + (" Red: frames without a pose." if len(missing) else "")

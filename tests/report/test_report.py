@@ -10,8 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from miniloop_cli.artefacts import Store
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import evaluate
+from miniloop_cli.export.ply import read_ply, write_ply
 from miniloop_cli.report import write_report
 from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.data import load
@@ -19,6 +21,11 @@ from miniloop_cli.report.verdict import FAILED, GOOD, PARTLY, judge, runs
 from miniloop_cli.scans.sequence import Trajectory
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def written(results, sequence=None):
+    """The report of a results folder, with pictures that are kept beside the folder."""
+    return write_report(load(results, sequence), Store(results.parent / "kept"))
 
 
 class Page(HTMLParser):
@@ -46,8 +53,22 @@ class Page(HTMLParser):
         return sum(name == tag for name, _ in self.elements)
 
 
+def test_pictures_are_kept(run, monkeypatch):
+    first = written(run.results, run.sequence).read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr("miniloop_cli.pictures.kept.render", None)
+        patch.setattr("miniloop_cli.pictures.kept.match_picture", None)
+        assert written(run.results, run.sequence).read_bytes() == first
+    points, colors = read_ply(run.results / "cloud.ply")
+    write_ply(run.results / "cloud.ply", points, 255 - colors)
+    changed = written(run.results, run.sequence).read_bytes()
+    write_ply(run.results / "cloud.ply", points, colors)
+    assert changed != first
+    assert written(run.results, run.sequence).read_bytes() == first
+
+
 def test_everything_is_on_the_page(run):
-    path = write_report(run.results, run.sequence)
+    path = written(run.results, run.sequence)
     assert path == run.results / "report.html"
     page = Page(path.read_text())
     assert "7 of 8 frames are registered" in page.text
@@ -62,7 +83,7 @@ def test_everything_is_on_the_page(run):
 
 
 def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
-    page = Page(write_report(run.results, run.sequence).read_text())
+    page = Page(written(run.results, run.sequence).read_text())
     assert page.count("script") == 2  # the rows of the edge table and the page's own
     assert "b" not in {tag for tag, _ in page.elements}
     assert '<script>document.title="owned"</script>' in page.text  # shown, not run
@@ -70,12 +91,12 @@ def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
         assert not any(name.startswith("on") for name in attributes), tag
         for name in ("src", "href"):
             assert attributes.get(name, "data:image/").startswith("data:image/")
-    assert not re.search(r"url\(|@import|https?://", write_report(run.results).read_text())
+    assert not re.search(r"url\(|@import|https?://", written(run.results).read_text())
 
 
 def test_the_same_run_gives_the_same_bytes(run):
-    first = write_report(run.results, run.sequence).read_bytes()
-    assert write_report(run.results, run.sequence).read_bytes() == first
+    first = written(run.results, run.sequence).read_bytes()
+    assert written(run.results, run.sequence).read_bytes() == first
 
 
 def test_a_run_without_any_pose_still_says_why(run):
@@ -85,7 +106,7 @@ def test_a_run_without_any_pose_still_says_why(run):
     (run.results / "edges.csv").write_text(header + "\n")
     frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,no depth").replace(",500,", ",20,")
     (run.results / "frames.csv").write_text(frames)
-    page = Page(write_report(run.results, run.sequence).read_text())
+    page = Page(written(run.results, run.sequence).read_text())
     assert "It did not work: 0 of 8 frames are registered." in page.text
     assert "7 frames without a pose (0–4, 6–7): no depth" in page.text
     assert "Few features (20 a frame at the median)" in page.text
@@ -96,7 +117,7 @@ def test_only_a_trajectory_is_enough(run):
     for path in run.results.iterdir():
         if path.name != "trajectory.txt":
             path.unlink()
-    page = Page(write_report(run.results).read_text())
+    page = Page(written(run.results).read_text())
     assert "7 of 7 frames" in page.text
 
 
@@ -117,26 +138,26 @@ def test_only_a_trajectory_is_enough(run):
 def test_malformed_files_are_named(run, name, content):
     (run.results / name).write_bytes(content)
     with pytest.raises(InputError, match=name.replace(".", r"\.")):
-        write_report(run.results, run.sequence)
+        written(run.results, run.sequence)
     assert not (run.results / "report.html").exists()
 
 
 def test_inliers_of_another_run_are_refused(run):
     np.savez(run.results / "inliers.npz", offsets=np.array([0, 1]), px_i=np.zeros((1, 2)), px_j=np.zeros((1, 2)))
     with pytest.raises(InputError, match="do not fit"):
-        write_report(run.results)
+        written(run.results)
 
 
 def test_objects_in_inliers_are_never_unpickled(run):
     np.savez(run.results / "inliers.npz", offsets=np.array([{}], object), px_i=np.zeros(1), px_j=np.zeros(1))
     with pytest.raises(InputError, match=r"inliers\.npz"):
-        write_report(run.results)
+        written(run.results)
 
 
 def test_a_broken_image_leaves_out_its_pictures_only(run):
     for frame in run.sequence.frames[:3]:
         frame.color_path.write_bytes(b"")
-    page = Page(write_report(run.results, run.sequence).read_text())
+    page = Page(written(run.results, run.sequence).read_text())
     assert 3 < page.count("img") < 12
 
 
@@ -171,10 +192,10 @@ def test_poses_far_from_the_ground_truth_did_not_simply_work(run):
 def test_what_inspection_finds_stands_in_the_report_of_a_run_that_went_badly(run):
     for frame in run.sequence.frames[:3]:
         frame.depth_path.write_bytes(b"")
-    page = Page(write_report(run.results, run.sequence).read_text())
+    page = Page(written(run.results, run.sequence).read_text())
     assert "What looks wrong with the recording" in page.text
     assert "3 of 8 frames cannot be used" in page.text and "copy or convert them again" in page.text
-    assert "What looks wrong" not in Page(write_report(run.results).read_text()).text
+    assert "What looks wrong" not in Page(written(run.results).read_text()).text
 
 
 def test_solvers_have_colours_of_their_own():
@@ -226,7 +247,7 @@ def test_runs():
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 def test_in_a_browser(run, tmp_path):
-    path = write_report(run.results, run.sequence)
+    path = written(run.results, run.sequence)
     # A copy that sorts by inliers as a reader would, and then shows one frame's edges.
     clicks = "document.querySelectorAll('th button')[5].click();"
     clicks += "const only=document.getElementById('only');only.value='3';only.dispatchEvent(new Event('input'));"

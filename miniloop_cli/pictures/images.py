@@ -1,4 +1,4 @@
-"""Pictures inside the page: encoding, and the two images of an edge with their matches."""
+"""Images of frames, the two images of an edge with their matches, and image files in memory."""
 
 from __future__ import annotations
 
@@ -16,13 +16,19 @@ Image = NDArray[np.uint8]
 MAX_LINES = 120  # more hide the images
 
 
-def data_uri(rgb: Image, lossless: bool = False, quality: int = 82) -> str:
-    """An (h, w, 3) RGB or (h, w) grey image as a data URI, JPEG or PNG."""
-    bgr = rgb[..., ::-1] if rgb.ndim == 3 else rgb
-    suffix, kind = (".png", "png") if lossless else (".jpg", "jpeg")
-    flags = [] if lossless else [cv2.IMWRITE_JPEG_QUALITY, quality]
-    _, data = cv2.imencode(suffix, np.ascontiguousarray(bgr), flags)
-    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode('ascii')}"
+def jpeg(rgb: Image) -> NDArray[np.uint8]:
+    """The bytes of a JPEG file of an (h, w, 3) RGB image."""
+    return cv2.imencode(".jpg", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 82])[1]
+
+
+def png(rgb: Image) -> NDArray[np.uint8]:
+    """The bytes of a PNG file of an (h, w, 3) RGB image."""
+    return cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1]
+
+
+def data_uri(file: NDArray[np.uint8], kind: str = "jpeg") -> str:
+    """The bytes of an image file of this kind (jpeg or png) as a data URI."""
+    return f"data:image/{kind};base64,{base64.b64encode(file.tobytes()).decode('ascii')}"
 
 
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, float] | None:

@@ -1,0 +1,1 @@
+"""Pictures of scans and of the model, as the report shows them."""
