@@ -29,7 +29,7 @@ class KeptFile:
 @click.group(context_settings=CONTEXT, short_help="Work kept between runs: show, prune.", invoke_without_command=True)
 @click.pass_context
 def cache(ctx: click.Context) -> None:
-    """Finished work kept between runs (features, matches, edges, refined poses): show it, or make room.
+    """Finished work kept between runs (features, matches, edges, refined poses, pictures): show it, or make room.
 
     It lies in $MINILOOP_CACHE, by default ~/.cache/miniloop, and can always be removed: the next run makes it again.
 

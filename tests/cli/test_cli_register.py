@@ -105,7 +105,7 @@ def test_another_averaging_setting_repeats_averaging_only(registered, recording,
 
 
 def test_other_edges_are_refined_again(registered, recording, tmp_path):
-    arguments = ("register", recording, "-o", tmp_path / "kept", "--set", "averaging.max_residual_m=0.004", "-q")
+    arguments = ("register", recording, "-o", tmp_path / "kept", "--set", "averaging.max_residual_m=0.002", "-q")
     assert invoke(*arguments).exit_code == 0
     assert "trajectory.txt" in differing(registered.folder, tmp_path / "kept")
     done = run_process(*arguments[:3], tmp_path / "fresh", *arguments[4:], cwd=tmp_path, MINILOOP_CACHE=tmp_path)

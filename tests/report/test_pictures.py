@@ -17,7 +17,7 @@ def test_the_nearest_point_is_seen(seed):
     colors = rng.integers(0, 256, (300, 3), dtype=np.uint8)
     view = View(np.eye(4), 40.0, 64, 48)
     expected = np.broadcast_to(BACKGROUND, (48, 64, 3)).copy()
-    depth = np.full((48, 64), np.inf)
+    depth = np.full((48, 64), np.inf, np.float32)
     px, z = view.project(points)
     for k in range(300):
         if z[k] <= 0.05:
