@@ -56,7 +56,8 @@ def tree_start(count: int, pairs: Ints, q_j_i: Floats, weights: Floats) -> Float
     code = np.sort(pairs, axis=1) @ [count, 1]
     rank = np.sort(np.unique(code[by_weight], return_index=True)[1])  # of several edges of a pair the heaviest
     i, j = pairs[by_weight[rank]].T
-    tree = minimum_spanning_tree(coo_array((rank + 1.0, (i, j)), shape=(count, count)).tocsr()).tocoo()
+    ends = (i.astype(np.int32), j.astype(np.int32))  # scipy 1.15 knows no others here
+    tree = minimum_spanning_tree(coo_array((rank + 1.0, ends), shape=(count, count)).tocsr()).tocoo()
     edge = by_weight[tree.data.astype(np.int64) - 1]
     i, j = pairs.T
     root = int(np.argmax(np.bincount(i, weights, count) + np.bincount(j, weights, count)))

@@ -57,7 +57,7 @@ def log_so3(R: Array) -> Array:
     """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi], stable at both ends."""
     from scipy.spatial.transform import Rotation
 
-    R = np.asarray(R, float)
+    R = np.array(R, float)  # scipy 1.15 refuses arrays that are read-only
     if not R.size:  # scipy before 1.17 refuses no rotations
         return np.zeros(R.shape[:-1])
     return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
@@ -69,7 +69,7 @@ def quaternions(R: Array, w_first: bool = False) -> Array:
 
     if not len(R):  # scipy before 1.17 refuses no rotations
         return np.zeros((0, 4))
-    return Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=w_first)
+    return Rotation.from_matrix(np.array(R)).as_quat(canonical=True, scalar_first=w_first)  # a copy as above
 
 
 def rotation_angle_deg(R: Array) -> Array:

@@ -87,7 +87,7 @@ def test_any_rotation_survives(count, seed):
 
 
 def test_poses_that_are_read_only_are_written(tmp_path):
-    """scipy before 1.15 refused them."""
+    """scipy 1.15 refused them."""
     poses = Trajectory(np.arange(3.0), np.broadcast_to(np.eye(4), (3, 4, 4)))
     write_trajectory(tmp_path / "t.txt", poses)
     np.testing.assert_array_equal(read_trajectory(tmp_path / "t.txt").T_world_cam, poses.T_world_cam)
