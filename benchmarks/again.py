@@ -10,22 +10,20 @@ from pathlib import Path
 
 from clock import Clock, arguments, write_result
 
-CHANGED = (None, "rotation_scale_deg=2.5", "rotation_scale_deg=4", "translation_scale_m=0.05")
+CHANGED = ("rotation_scale_deg=2.5", "rotation_scale_deg=4", "translation_scale_m=0.05")
 
 
 def main() -> None:
     options = arguments(__doc__)
-    rows = []
+    clock = Clock()
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "MINILOOP_CACHE": str(Path(folder) / "cache")}
         command = [sys.executable, "-m", "miniloop_cli", "register", str(options.sequence), "-q", "-o", f"{folder}/out"]
-        for setting in CHANGED:
-            clock = Clock()
-            with clock.stage("register"):
-                more = ["--set", f"averaging.{setting}"] if setting else []
+        changes = {"(from nothing)": []} | {setting: ["--set", f"averaging.{setting}"] for setting in CHANGED}
+        for name, more in changes.items():
+            with clock.stage(name):
                 subprocess.run([*command, *more], env=environment, check=True, stdout=subprocess.DEVNULL)
-            rows.append({"changed": setting, **clock.stages["register"]})
-    write_result(options.out, {"rows": rows})
+    write_result(options.out, {"stages": clock.stages})
 
 
 if __name__ == "__main__":

@@ -100,11 +100,11 @@ def stages(runs: dict[str, Json]) -> Table:
 
 def again(found: Json, runs: dict[str, Json]) -> Table:
     """A run, and the same run with one setting changed, beside Open3D's multiway registration."""
-    rows, whole = [], found["rows"][0]["wall"]
+    rows, whole = [], next(iter(found["stages"].values()))["wall"]
     multiway = next((run["usage"]["wall"] for name, run in runs.items() if name.startswith("Open3D")), None)
-    for row in found["rows"]:
-        shares = [f"{100 * row['wall'] / other:.1f} %" if other else None for other in (whole, multiway)]
-        rows.append([row["changed"] or "(from nothing)", row["wall"], row["cpu"], *shares])
+    for changed, spent in found["stages"].items():
+        shares = [f"{100 * spent['wall'] / other:.1f} %" if other else None for other in (whole, multiway)]
+        rows.append([changed, spent["wall"], spent["cpu"], *shares])
     return ["changed", "wall s", "CPU s", "of the run from nothing", "of Open3D multiway's wall s"], rows
 
 

@@ -45,12 +45,14 @@ def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int,
 
 
 def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, store: Store) -> Bytes | None:
-    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None if an image cannot be read."""
+    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None where an image cannot be had."""
 
     def drawn() -> Arrays:
         picture = match_picture(sequence, i, j, px_i, px_j)
         return {"jpeg": np.zeros(0, np.uint8) if picture is None else jpeg(picture)}
 
+    if max(i, j) >= len(sequence.frames):
+        return None
     files = [file_fingerprint(sequence.frames[k].color_path) for k in (i, j)]
     found = store.kept("pictures", fingerprint("edge", files, content_fingerprint([px_i, px_j])), drawn)["jpeg"]
     return found if len(found) else None

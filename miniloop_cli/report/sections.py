@@ -14,7 +14,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.evaluation.results import LARGEST
 from miniloop_cli.pictures.images import data_uri, frame_image, jpeg
-from miniloop_cli.pictures.kept import edge_picture, model_pictures
+from miniloop_cli.pictures.kept import VIEWS_DEG, edge_picture, model_pictures
 from miniloop_cli.report import charts
 from miniloop_cli.report.data import Edges, ReportData
 from miniloop_cli.report.verdict import Verdict, left_out, runs
@@ -98,7 +98,8 @@ def model_section(data: ReportData, trajectory: Trajectory | None, store: Store)
     if not pictures:
         return section("Model", "<p>cloud.ply is empty.</p>")
     shown = "".join(f'<img alt="the model" src="{data_uri(picture)}">' for picture in pictures)
-    words = f"cloud.ply, {count:,} points: as the cameras looked on average, and turned by 25 and 30 degrees."
+    turn = " and ".join(map(str, VIEWS_DEG[1]))
+    words = f"cloud.ply, {count:,} points: as the cameras looked on average, and turned by {turn} degrees."
     return section("Model", figure(shown, words, "pair"))
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import cv2
@@ -65,6 +66,11 @@ def test_pictures_are_kept(run, monkeypatch):
     write_ply(run.results / "cloud.ply", points, colors)
     assert changed != first
     assert written(run.results, run.sequence).read_bytes() == first
+
+
+def test_edges_of_frames_that_the_recording_does_not_have_are_shown_without_pictures(run):
+    fewer = replace(run.sequence, frames=run.sequence.frames[:3])
+    assert Page(written(run.results, fewer).read_text()).count("img") < 12
 
 
 def test_everything_is_on_the_page(run):
