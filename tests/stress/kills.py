@@ -64,7 +64,7 @@ def start(arguments: tuple, folder: Path) -> subprocess.Popen:
     return subprocess.Popen(
         command(*arguments),
         cwd=folder,
-        env=environment(MINILOOP_CACHE=folder / "cache"),
+        env=environment(MINILOOP_CACHE=folder / "cache", PYTHONFAULTHANDLER=1),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -92,6 +92,15 @@ def kill(process: subprocess.Popen, moment_s: float, number: int, group: bool) -
             return True
         time.sleep(0.002)
     return False
+
+
+def ended(process: subprocess.Popen, limit_s: float) -> str:
+    """What the process said, once it has ended; one that hangs is aborted, and says where it was."""
+    try:
+        return process.communicate(timeout=limit_s)[1]
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGABRT)
+        return process.communicate()[1]
 
 
 def visible(folder: Path) -> dict[str, bytes]:
@@ -124,7 +133,7 @@ def disturbed(done: Command, name: str, folder: Path, rng: np.random.Generator, 
         number, share = SIGNALS[rng.integers(len(SIGNALS))], rng.random()
         let_through = rng.random() < 0.2
         killed = kill(process, np.inf if let_through else share * done.cpu_s, number, bool(rng.integers(2)))
-        _, stderr = process.communicate(timeout=300)
+        stderr = ended(process, max(300, 50 * done.cpu_s))
         where = f"{name}, {signal.Signals(number).name} after {share:.0%}"
         tally.losses += [f"{where}: {what}" for what in state(done, folder, kept)]
         if process.returncode == 0:
@@ -133,7 +142,7 @@ def disturbed(done: Command, name: str, folder: Path, rng: np.random.Generator, 
                 done.cpu_s = min(done.cpu_s, children_cpu_s() - before)
             break
         if not killed or not well_ended(process.returncode, number, stderr):
-            tally.odd_ends.append(f"{where}: ended with status {process.returncode}: {stderr.strip()[-300:]}")
+            tally.odd_ends.append(f"{where}: ended with status {process.returncode}: {stderr.strip()[-3000:]}")
         tally.kills[name, signal.Signals(number).name] += 1
         tally.shares.append(share)
         taking_up = True
