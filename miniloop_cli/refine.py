@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 MIN_SHARED = 10  # tracks that tie two scans to each other
 # Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
 # a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
-SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-4)
+SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-3)
 COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 
 

@@ -114,8 +114,7 @@ def bundle_adjust(
     anchor = anchor_of(len(T), problem.pairs, fixed_frame)
     covariance = None
     if settings.covariance:
-        scales = settings.scale_px, settings.scale_depth
-        covariance = problem.covariance(settings.kernel, *scales, held=anchor == np.arange(len(T)))
+        covariance = problem.covariance(held=anchor == np.arange(len(T)))
         covariance = with_untied(covariance, anchor, fixed_frame)
 
     refined = pose(problem.R, problem.t + origin)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Kernel = Literal["none", "cauchy", "geman-mcclure"]
-KERNELS: dict[str, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
+KERNELS: dict[Kernel, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
+NAMES = {number: name for name, number in KERNELS.items()}
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -28,7 +29,7 @@ def robust(kind: int, s: float, c2: float) -> tuple[float, float]:
 def weight_and_curvature(kernel: Kernel, s: Array, scale: float, dimension: int) -> tuple[Array, Array]:
     """rho'(s), and the mean over directions of the second derivative of rho(|r|^2)/2 by a residual r of `dimension`.
 
-    Iterations use the weight; the curvature, rho' + 2 s rho''/dimension, is what the minimum answers to noise with.
+    The curvature, rho' + 2 s rho''/dimension, is what the minimum answers to noise with.
     """
     s = np.asarray(s, float)
     if kernel == "none":
