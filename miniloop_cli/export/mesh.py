@@ -14,6 +14,7 @@ from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.geometry import se3
+from miniloop_cli.interrupts import uninterrupted
 from miniloop_cli.progress import track
 from miniloop_cli.scans import read_scan
 
@@ -40,7 +41,8 @@ class Surface:
 def import_open3d() -> ModuleType:
     """Open3D. Raises MiniloopError that names what to install."""
     try:
-        return importlib.import_module("open3d")
+        with uninterrupted():  # half loaded, it counts its memory as lost, and ends the process with status 1
+            return importlib.import_module("open3d")
     except ModuleNotFoundError as error:
         raise MiniloopError(f"meshes need open3d ({error}): pip install open3d") from error
     except (ImportError, OSError) as error:

@@ -3,7 +3,9 @@
 import shutil
 import signal
 import subprocess
+import sys
 import time
+from textwrap import dedent
 
 import pytest
 from command_line import command, environment, launch
@@ -92,3 +94,30 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     line = [*command()[:1], "-c", script]
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment(), check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "came back\n", INTERRUPTED)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, number):
+    """Open3D that is interrupted while it is loaded ended the process with status 1, whatever was to be its status."""
+    body = f"""
+        import os, signal, sys, threading
+        from miniloop_cli.export.mesh import import_open3d
+        from miniloop_cli.interrupts import heed_interrupts, interrupts_are_over
+        heed_interrupts()
+        threading.Timer(0.02, os.kill, (os.getpid(), {int(number)})).start()
+        try:
+            import_open3d()
+            threading.Event().wait(20)
+        except KeyboardInterrupt:
+            interrupts_are_over()
+            sys.exit(130 if "open3d" in sys.modules else 2)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", dedent(body)],
+        env=environment(),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

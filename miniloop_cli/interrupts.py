@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from miniloop_cli.errors import interrupted
 
+INTERRUPTS = signal.SIGINT, signal.SIGTERM
 AGAIN_S = 0.5
 COME_AGAIN = hasattr(signal, "setitimer")  # not so on Windows
 
@@ -18,7 +22,7 @@ def heed_interrupts() -> None:
     Where libraries catch everything, or compiled code calls Python, an interrupt is lost and the command would go on.
     So each comes again every AGAIN_S, unless it is just being dealt with, until `interrupts_are_over`.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in INTERRUPTS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in the background of a shell script
             signal.signal(number, _interrupt)
     if COME_AGAIN:
@@ -30,6 +34,23 @@ def interrupts_are_over() -> None:
     """No interrupt comes again."""
     if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Interrupts wait until the block has ended; for what can be neither stopped half-way nor done again."""
+    if threading.current_thread() is not threading.main_thread():  # no interrupt arrives in any other
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in came[:1]:
+        signal.raise_signal(number)
 
 
 def _interrupt(*_: int | FrameType | None) -> None:
