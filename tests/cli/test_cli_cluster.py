@@ -36,12 +36,12 @@ def dask(tmp_path, shared):
 
     processes = [start("scheduler", "--host", "127.0.0.1", "--port", "0")]
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 600
         while not file.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
         processes += [start("worker", "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1") for _ in range(2)]
         address = json.loads(file.read_text())["address"]
-        with Client(address, timeout=60, set_as_default=False) as client:  # we wait for 10 s only, for a first one
+        with Client(address, timeout=600, set_as_default=False) as client:  # we wait for 10 s only, for a first one
             client.wait_for_workers(2, timeout=120)
         yield address, processes[1:], processes[0]
     finally:
@@ -117,7 +117,7 @@ def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
             if line.startswith("matching ..."):
                 for process in workers if lost == "workers" else [scheduler]:
                     process.kill()
-                killer = threading.Timer(15, run.terminate)
+                killer = threading.Timer(15 if lost == "workers" else 600, run.terminate)
                 killer.start()
     killer.cancel()
     assert run.returncode in (1, 130), "".join(said)

@@ -33,7 +33,7 @@ def test_interrupted_while_threads_are_at_work(recording, tmp_path):
         while process.poll() is None and not list(cache.glob("features/*")):
             time.sleep(0.002)
         process.send_signal(signal.SIGTERM)
-        _, stderr = process.communicate(timeout=60)
+        _, stderr = process.communicate(timeout=600)
         assert process.returncode == 130
         assert stderr.strip() == INTERRUPTED
 

@@ -130,11 +130,11 @@ def test_stopped_in_the_middle_the_same_command_continues(registered, recording,
     process = subprocess.Popen(
         command(*arguments), cwd=tmp_path, env=environment(MINILOOP_CACHE=cache), stderr=subprocess.PIPE, text=True
     )
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 600
     while not list(cache.glob(f"{stage}/*.npz")) and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.002)
     process.send_signal(number)
-    _, stderr = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=600)
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert "the same command continues" in stderr
