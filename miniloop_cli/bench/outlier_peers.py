@@ -16,7 +16,7 @@ from miniloop_cli.bench.outliers import Solution, Solve
 from miniloop_cli.bench.view_graphs import Floats, ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import Edge, adjoint, pairs_of
+from miniloop_cli.graph.edges import Edge, pairs_of
 
 MEDIAN_CHI2 = 5.348  # of six degrees of freedom
 
@@ -48,7 +48,7 @@ def _pose_graph(graph: TrueGraph, edges: Sequence[Edge], kernel: Any) -> tuple[A
 
     factors, scale = gtsam.NonlinearFactorGraph(), 1 / _excess(graph)
     for edge in edges:
-        A = adjoint(edge.T_j_i)  # ours is a step in scan j, gtsam's in scan i: xi_j = Ad(T_j_i) xi_i
+        A = se3.adjoint(edge.T_j_i)  # ours is a step in scan j, gtsam's in scan i: xi_j = Ad(T_j_i) xi_i
         information = scale * A.T @ edge.information @ A
         model = gtsam.noiseModel.Gaussian.Information(0.5 * (information + information.T))
         if kernel is not None:

@@ -40,6 +40,14 @@ def hat(w: Array) -> Array:
     return W
 
 
+def adjoint(T: Array) -> Array:
+    """(..., 6, 6) with [exp(w') | v'] T = T [exp(w) | v] to first order, (w', v') = Ad (w, v); T (..., 4, 4)."""
+    A = np.zeros((*T.shape[:-2], 6, 6))
+    A[..., :3, :3] = A[..., 3:, 3:] = T[..., :3, :3]
+    A[..., 3:, :3] = hat(T[..., :3, 3]) @ T[..., :3, :3]
+    return A
+
+
 def exp_so3(w: Array) -> Array:
     """Rodrigues' formula: (..., 3) rotation vectors (rad) to (..., 3, 3) rotations; exact to first order near 0."""
     w = np.asarray(w, float)

@@ -217,17 +217,9 @@ def judged_edge(
     T, information, covariance = found.T, found.information, found.covariance
     if pair[0] > pair[1]:
         # xi of the inverse pose is -Ad(T^-1) xi: information I_inv = Ad(T)^T I Ad(T).
-        A = adjoint(T)
+        A = se3.adjoint(T)
         information, covariance = A.T @ information @ A, np.linalg.inv(A) @ covariance @ np.linalg.inv(A).T
         T = se3.inverse(T)
     i, j = in_order(pair)
     edge = Edge(i, j, matches[i, j], found.inliers, T, information, covariance, solver, cycle, hypotheses)
     return judge(edge, settings)
-
-
-def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6, 6) with [exp(w') | v'] T = T [exp(w) | v] to first order, (w', v') = Ad (w, v)."""
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = T[:3, :3]
-    A[3:, :3] = se3.hat(T[:3, 3]) @ T[:3, :3]
-    return A

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
+from miniloop_cli.refinement.gauge import grown
 from miniloop_cli.refinement.motion import felt_twists, twists
 from miniloop_cli.refinement.timing import Flow, Measurements, Timing, camera_depths, corrected, flow, slopes
 from miniloop_cli.scans.camera import Camera
@@ -85,13 +86,16 @@ def _undone(
 ) -> BundleResult:  # fmt: skip
     motion = moving.path_twists(T)
     px, z_m = corrected(measured, moving.flow(measured, T, motion), timing)
-    points = None
+    points, unsure = None, np.zeros((len(T), 6, 6))
     for _ in range(FELT_STEPS if feel else 0):
         result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
         T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
-        motion = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
+        motion, unsure = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
         px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing)
-    return adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
+    result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
+    if result.covariance is None:
+        return result
+    return replace(result, covariance=grown(result.covariance, result.T_world_cam, unsure, result.fixed_frame))
 
 
 def calibrate(

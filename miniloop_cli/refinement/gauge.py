@@ -34,3 +34,16 @@ def with_untied(covariance: Array, anchor: Ints, fixed_frame: int) -> Array:
     """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one."""
     untied = anchor != fixed_frame
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
+
+
+def grown(covariance: Array, T_world_cam: Array, own: Array, fixed_frame: int) -> Array:
+    """Covariances (n, 6, 6) relative to the fixed frame, with errors added that each frame has by itself.
+
+    own (n, 6, 6), of (w, v) in the frame as all of them. The fixed frame has none, by definition: its error is one of
+    all others, as seen from there.
+    """
+    seen = se3.adjoint(se3.inverse(T_world_cam) @ T_world_cam[fixed_frame])
+    more = own + seen @ own[fixed_frame] @ np.swapaxes(seen, 1, 2)
+    more[fixed_frame] = 0
+    tied = np.isfinite(covariance).all(axis=(1, 2))
+    return np.where(tied[:, None, None], covariance + more, covariance)

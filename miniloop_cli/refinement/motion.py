@@ -51,8 +51,11 @@ def felt_twists(
     timing: Timing,
     camera: Camera,
     settings: BundleSettings,
-) -> tuple[Floats, Floats]:
+) -> tuple[tuple[Floats, Floats], Floats]:
     """Velocities v (n, 3) m/s and w (n, 3) rad/s under which each frame's measurements agree best with the points.
+
+    Also covariances (n, 6, 6) of each frame's (w, v): what its pose is uncertain by as its twist is not known, beside
+    what the pose would be uncertain by if it were; zero where no twist was felt.
 
     One Gauss-Newton step a frame over its pose and its twist, from a bundle adjustment in which the measurements were
     corrected with the twists `before`. A point at row share s is seen s readout_s later, so a pixel's derivative by the
@@ -65,20 +68,32 @@ def felt_twists(
     order = np.flatnonzero(known)[np.argsort(measured.frame[known], kind="stable")]
     start = np.searchsorted(measured.frame[order], np.arange(len(T_cam_world) + 1))
     centre, twist = np.concatenate(path[::-1], axis=1), np.concatenate(before[::-1], axis=1)
-    felt = twist.copy()
+    felt, unsure = twist.copy(), np.zeros((len(twist), 6, 6))
     on_path = centre.any(axis=1)
     near, free = (np.repeat(sigmas, 3) ** -2.0 for sigmas in (PATH_SIGMAS, SPEED_SIGMAS))
     for f in np.flatnonzero(np.diff(start) >= LEAST_OBSERVATIONS):
         prior = near if on_path[f] else free
         rows = order[start[f] : start[f + 1]]
-        H, g = _frame_system(rows, T_cam_world[f], measured, adjusted, timing, camera, settings)
+        H, g, variance = _frame_system(rows, T_cam_world[f], measured, adjusted, timing, camera, settings)
+        unsure[f] = _by_twist(H / variance, prior)
         H[range(6, 12), range(6, 12)] += prior
         g[6:] += prior * (twist[f] - centre[f])
-        felt[f] -= np.linalg.solve(H + 1e-12 * np.trace(H) * np.eye(12), g)[6:]
+        felt[f] -= np.linalg.solve(_regular(H), g)[6:]
     moved = (felt != twist).any(axis=1)
     if moved.any():
         felt[moved] -= np.median((felt - centre)[moved], axis=0)
-    return felt[:, 3:], felt[:, :3]
+    return (felt[:, 3:], felt[:, :3]), unsure
+
+
+def _regular(H: Floats) -> Floats:
+    return H + 1e-12 * np.trace(H) * np.eye(len(H))
+
+
+def _by_twist(H: Floats, prior: Floats) -> Floats:
+    """Covariance (6, 6) of a pose less what it is where the twist is known; H (12, 12) information of both."""
+    with_prior = H.copy()
+    with_prior[range(6, 12), range(6, 12)] += prior
+    return np.linalg.inv(_regular(with_prior))[:6, :6] - np.linalg.inv(_regular(H[:6, :6]))
 
 
 def _frame_system(
@@ -89,8 +104,11 @@ def _frame_system(
     timing: Timing,
     camera: Camera,
     settings: BundleSettings,
-) -> tuple[Floats, Floats]:
-    """Normal equations H (12, 12), g (12,) of one frame's measurements by its pose and its twist, both as (w, v)."""
+) -> tuple[Floats, Floats, float]:
+    """Normal equations H (12, 12), g (12,) of one frame's measurements by its pose and its twist, both as (w, v).
+
+    And the variance of its residuals, in squares of the sigmas that H takes for true.
+    """
     X = se3.transform(T_cam_world, adjusted.points_world[measured.track[rows]])
     z = X[:, 2:]
     # A camera that turns by w and moves by v moves its points by X x w - v.
@@ -110,4 +128,5 @@ def _frame_system(
     r = np.concatenate([adjusted.residual_px[rows], np.nan_to_num(adjusted.residual_depth[rows])[:, None]], axis=1)
     weight = np.stack([adjusted.weight_px[rows]] * 2 + [adjusted.weight_depth[rows]], axis=1)
     J, r, weight = J.reshape(-1, 12), r.ravel(), weight.ravel()
-    return J.T @ (weight[:, None] * J), J.T @ (weight * r)
+    variance = (weight * r**2).sum() / max(np.count_nonzero(weight) - 12, 1)
+    return J.T @ (weight[:, None] * J), J.T @ (weight * r), float(variance)

@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from miniloop_cli.bench.pose_errors import normalised_errors, within_2_sigma
 from miniloop_cli.geometry import se3
+from miniloop_cli.refine import COMMON_ERROR, SHARP
 from miniloop_cli.refinement import calibration
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.calibration import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
@@ -210,8 +212,24 @@ def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
     path = moving.path_twists(truth)
     px, z_m = corrected(measured, moving.flow(measured, truth, path), timing)
     settled = adjust(truth, measured, CAMERA, rough, 1, px, z_m)
-    found = felt_twists(path, path, measured, settled, timing, CAMERA, rough)
+    found, _ = felt_twists(path, path, measured, settled, timing, CAMERA, rough)
     assert np.linalg.norm(found[1] - w_true, axis=1).mean() < 0.7 * np.linalg.norm(path[1] - w_true, axis=1).mean()
+
+
+def test_poses_are_as_uncertain_as_their_motion_makes_them(monkeypatch):
+    """Whether a pose is off or its velocity, the rows of a frame can hardly tell: both were found from them."""
+    errors, of_known_motion = [], []
+    moving, truth = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool)), trembling(STAMPS_S)
+    timing, rough = Timing(0.025, -0.016), BundleSettings(relative_tolerance=1e-3, covariance=False)
+    for seed in range(3):
+        measured, _ = recording(0.025, -0.016, np.random.default_rng(seed), path=trembling)
+        with monkeypatch.context() as patched:
+            for found in (errors, of_known_motion):
+                run, _ = adjust_moving(truth, measured, moving, timing, rough, SHARP, 1)
+                found.append(normalised_errors(run.T_world_cam, truth, run.covariance) / COMMON_ERROR)
+                patched.setattr(calibration, "grown", lambda covariance, *_: covariance)
+    assert 0.88 < within_2_sigma(np.concatenate(errors)) < 0.98
+    assert within_2_sigma(np.concatenate(of_known_motion)) < 0.85
 
 
 def test_frames_that_see_too_little_keep_the_motion_of_the_path():
@@ -221,7 +239,9 @@ def test_frames_that_see_too_little_keep_the_motion_of_the_path():
     path, timing = moving.path_twists(T), Timing(0.025, -0.016)
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
     settled = adjust(T, few, CAMERA, rough, 1, *corrected(few, moving.flow(few, T, path), timing))
-    v, w = felt_twists(path, path, few, settled, timing, CAMERA, rough)
+    (v, w), unsure = felt_twists(path, path, few, settled, timing, CAMERA, rough)
+    assert not unsure[7].any()
+    assert np.linalg.eigvalsh(unsure[8]).min() > -1e-12 < unsure[8].trace()
     assert np.array_equal(v[7], path[0][7])
     assert np.array_equal(w[7], path[1][7])
     assert not np.array_equal(w[8], path[1][8])
