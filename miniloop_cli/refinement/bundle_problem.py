@@ -135,15 +135,14 @@ class Bundle:
         """Models whose Hessians are the curvature of the cost, and the variance of its gradient."""
         squares, state, model = self._squares(), (self.R, self.t, self.X), self.model
         only_px, only_z = model._replace(curvature_depth=0.0), model._replace(curvature_px=0.0)
-        taken = [point_leverage(self.obs, model, part, *state) for part in (only_px, only_z)]
-        count = [dimension * len(s) for s, _, dimension in squares]
-        left = sum(count) - sum(taken)
+        absorbed = [point_leverage(self.obs, model, part, *state) for part in (only_px, only_z)]
+        sizes = [dimension * len(s) for s, _, dimension in squares]
+        left = sum(sizes) - sum(absorbed)
         poses = max(left - pose_freedoms, 1.0) / max(left, 1.0)
         found = []
-        for (s, scale, dimension), total_count, gone in zip(squares, count, taken, strict=True):
+        for (s, scale, dimension), size, taken in zip(squares, sizes, absorbed, strict=True):
             # The fit has shrunk the residuals; the errors were larger by what it took.
-            whole = max(total_count, 1)
-            error2 = s / (max(whole - gone, 1.0) / whole * poses)
+            error2 = s / (max(size - taken, 1.0) / max(size, 1) * poses)
             total = max(weight_and_curvature(NAMES[model.kind], s, scale, dimension)[0].sum(), 1e-12)
             weight, curvature = weight_and_curvature(NAMES[model.kind], error2, scale, dimension)
             found.append((max(curvature.sum() / total, 0.1), weight**2 @ error2 / (dimension * total)))

@@ -107,7 +107,7 @@ def _frame_system(
 ) -> tuple[Floats, Floats, float]:
     """Normal equations H (12, 12), g (12,) of one frame's measurements by its pose and its twist, both as (w, v).
 
-    And the variance of its residuals, in squares of the sigmas that H takes for true.
+    And the variance of its residuals, in squares of the sigmas that H takes for true; never zero.
     """
     X = se3.transform(T_cam_world, adjusted.points_world[measured.track[rows]])
     z = X[:, 2:]
@@ -129,4 +129,4 @@ def _frame_system(
     weight = np.stack([adjusted.weight_px[rows]] * 2 + [adjusted.weight_depth[rows]], axis=1)
     J, r, weight = J.reshape(-1, 12), r.ravel(), weight.ravel()
     variance = (weight * r**2).sum() / max(np.count_nonzero(weight) - 12, 1)
-    return J.T @ (weight[:, None] * J), J.T @ (weight * r), float(variance)
+    return J.T @ (weight[:, None] * J), J.T @ (weight * r), max(float(variance), 1e-12)
