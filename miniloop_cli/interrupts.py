@@ -49,8 +49,8 @@ def uninterrupted() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for number in came[:1]:
-        signal.raise_signal(number)
+        for number in came[:1]:  # also where the block failed: whoever interrupts wants no other error
+            signal.raise_signal(number)
 
 
 def _interrupt(*_: int | FrameType | None) -> None:

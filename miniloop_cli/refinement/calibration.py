@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
-from miniloop_cli.refinement.gauge import grown
+from miniloop_cli.refinement.gauge import with_own_errors
 from miniloop_cli.refinement.motion import felt_twists, twists
 from miniloop_cli.refinement.timing import Flow, Measurements, Timing, camera_depths, corrected, flow, slopes
 from miniloop_cli.scans.camera import Camera
@@ -95,7 +95,9 @@ def _undone(
     result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
     if result.covariance is None:
         return result
-    return replace(result, covariance=grown(result.covariance, result.T_world_cam, unsure, result.fixed_frame))
+    return replace(
+        result, covariance=with_own_errors(result.covariance, result.T_world_cam, unsure, result.fixed_frame)
+    )
 
 
 def calibrate(

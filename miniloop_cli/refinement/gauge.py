@@ -36,7 +36,7 @@ def with_untied(covariance: Array, anchor: Ints, fixed_frame: int) -> Array:
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
 
 
-def grown(covariance: Array, T_world_cam: Array, own: Array, fixed_frame: int) -> Array:
+def with_own_errors(covariance: Array, T_world_cam: Array, own: Array, fixed_frame: int) -> Array:
     """Covariances (n, 6, 6) relative to the fixed frame, with errors added that each frame has by itself.
 
     own (n, 6, 6), of (w, v) in the frame as all of them. The fixed frame has none, by definition: its error is one of

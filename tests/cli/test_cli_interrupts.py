@@ -11,6 +11,7 @@ import pytest
 from command_line import command, environment, launch
 
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.interrupts import uninterrupted
 
 INTERRUPTED = "miniloop: interrupted; finished work is kept, the same command continues"
 MADE_OF_IT = [  # by compiled code, the definition of a class and a failed import; the last is told as our own
@@ -121,3 +122,14 @@ def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, numbe
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_an_interrupt_that_waits_is_not_lost_where_the_block_fails():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught, uninterrupted():
+            signal.raise_signal(signal.SIGINT)
+            raise ImportError("went on until here")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert str(caught.value.__context__) == "went on until here"

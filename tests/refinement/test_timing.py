@@ -227,7 +227,7 @@ def test_poses_are_as_uncertain_as_their_motion_makes_them(monkeypatch):
             for found in (errors, of_known_motion):
                 run, _ = adjust_moving(truth, measured, moving, timing, rough, SHARP, 1)
                 found.append(normalised_errors(run.T_world_cam, truth, run.covariance) / COMMON_ERROR)
-                patched.setattr(calibration, "grown", lambda covariance, *_: covariance)
+                patched.setattr(calibration, "with_own_errors", lambda covariance, *_: covariance)
     assert 0.88 < within_2_sigma(np.concatenate(errors)) < 0.98
     assert within_2_sigma(np.concatenate(of_known_motion)) < 0.85
 
