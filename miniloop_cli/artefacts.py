@@ -3,7 +3,7 @@
 An artefact's name is a hash of its inputs, of the settings that matter to it and of the code's version, so that
 nothing stale can be found, and a killed or repeated run finds what is done. Files are plain .npz, never unpickled,
 with a checksum of the whole at the end (what a zip file checks by itself is not all of it); one that is damaged is
-deleted and made again.
+deleted and made again. All hashes are SHA-256, which most processors compute by themselves.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from miniloop_cli.files import atomic_write
 
 Arrays = Mapping[str, NDArray[Any]]
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
-CHECKSUM_BYTES = 16
+CHECKSUM_BYTES = 32
 SHOWING = ("cli", "report", "bench", "inspection", "evaluation")  # packages whose code is in no artefact
 
 
@@ -59,7 +59,7 @@ def library_versions() -> dict[str, str]:
 def code_version() -> str:
     """Hash of release, libraries and the sources that artefacts are made by: a changed solver finds no old result."""
     package = Path(__file__).parent
-    digest = hashlib.blake2b(json.dumps([__version__, library_versions()]).encode(), digest_size=16)
+    digest = hashlib.sha256(json.dumps([__version__, library_versions()]).encode())
     for path in sorted(package.rglob("*.py")):
         if path.relative_to(package).parts[0] not in SHOWING:
             digest.update(path.read_bytes())
@@ -69,12 +69,12 @@ def code_version() -> str:
 def fingerprint(*parts: Any) -> str:
     """Hash of JSON-able parts and the code's version."""
     text = json.dumps([code_version(), *parts], sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
     """Hash of the types, shapes and bytes of arrays."""
-    digest = hashlib.blake2b(digest_size=16)
+    digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
@@ -85,14 +85,14 @@ def file_fingerprint(path: Path) -> str:
     """Hash of a file's content; of its absence where it cannot be read (the reader says why later)."""
     try:
         with path.open("rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return "unreadable"
 
 
 def checksum(content: memoryview) -> bytes:
     """The last bytes of an artefact's file: a hash of all before them."""
-    return hashlib.blake2b(content, digest_size=CHECKSUM_BYTES).digest()
+    return hashlib.sha256(content).digest()
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
 
 ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
 CONTINUES = "finished work is kept, the same command continues, also without --cluster"
-SENDS = 4
+SENDS = 4  # of the same package, without a result in between
 BATCH = 32  # items of a task at most: what is done again where a worker dies
 
 
@@ -32,14 +32,27 @@ class Cluster:
     ) -> Iterator[Result]:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
-        Dask gives the tasks of a worker that dies to the others. `function` must be importable there.
-        Raises MiniloopError where the scheduler is lost, or one piece of work with several workers.
+        Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
+        the rest of the items. `function` must be importable there.
+        Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
-        items = list(items)
-        if not items:
-            return
+        from concurrent.futures import CancelledError
+
+        from distributed.comm import CommClosedError
+
+        items, done, sends = list(items), 0, SENDS
         with _told_in_one_line(self.client.scheduler.address):
-            yield from self._map(function, shared, items)
+            while done < len(items):
+                try:
+                    for result in self._map(function, shared, items[done:]):
+                        done, sends = done + 1, SENDS
+                        yield result
+                except (CommClosedError, CancelledError):
+                    sends -= 1
+                    if not sends:
+                        raise
+                    asyncio.run(_greet(self.client.scheduler.address))
+                    self.client.wait_for_workers(1, timeout=ANSWER_S)
 
     def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
         from joblib import Parallel, delayed
@@ -53,15 +66,14 @@ class Cluster:
                 yield from results
 
     def _holding(self, package: list[Any]) -> AbstractContextManager:
-        """joblib's dask backend, with `package` on every worker; again where one dies just as it is sent there."""
+        """joblib's dask backend, with `package` on every worker. Raises CommClosedError where one dies meanwhile."""
+        from distributed.comm import CommClosedError
         from joblib import parallel_config
 
-        for _ in range(SENDS):
-            try:
-                return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
-            except KeyError as error:  # what the scheduler says of a worker that has gone meanwhile
-                gone = error
-        raise OSError("workers keep leaving") from gone
+        try:
+            return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
+        except KeyError as error:  # what the scheduler says of a worker that left before it was its turn
+            raise CommClosedError(f"worker {error} has left") from error
 
 
 def _work(function: Callable[[Shared, Item], Result], package: list[Shared], batch: list[Item]) -> list[Result]:

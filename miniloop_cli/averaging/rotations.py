@@ -18,7 +18,7 @@ from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs
 from miniloop_cli.averaging.linear import Differences, spread
 from miniloop_cli.averaging.start import tree_start, trust, voted_start
 from miniloop_cli.errors import ConfigError
-from miniloop_cli.geometry.se3 import quaternions
+from miniloop_cli.geometry.se3 import quaternions, rotations
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,7 @@ def _quaternions(R_j_i: ArrayLike, edges: int) -> Floats:
 
 
 def _result(q: Floats, pairs: Ints, q_j_i: Floats, converged: bool, iterations: int) -> RotationAverage:
-    from scipy.spatial.transform import Rotation
-
-    R = Rotation.from_quat(q, scalar_first=True).as_matrix()
+    R = rotations(q, w_first=True)
     residual_deg = np.degrees(np.linalg.norm(kernels.residuals(q, pairs, q_j_i), axis=1))
     R_world_cam = R[0].T @ R
     R_world_cam[0] = np.eye(3)

@@ -117,7 +117,4 @@ def read_g2o(path: Path) -> PoseGraph:
 
 def poses(rows: Array) -> Array:
     """(n, 7) x y z qx qy qz qw, quaternions of any length but 0, to (n, 4, 4) poses."""
-    from scipy.spatial.transform import Rotation
-
-    R = Rotation.from_quat(rows[:, 3:]).as_matrix() if len(rows) else np.empty((0, 3, 3))
-    return se3.pose(R, rows[:, :3])
+    return se3.pose(se3.rotations(rows[:, 3:]), rows[:, :3])

@@ -63,21 +63,40 @@ def exp_so3(w: Array) -> Array:
 
 def log_so3(R: Array) -> Array:
     """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi], stable at both ends."""
-    from scipy.spatial.transform import Rotation
-
-    R = np.array(R, float)  # scipy 1.15 refuses arrays that are read-only
-    if not R.size:  # scipy before 1.17 refuses no rotations
-        return np.zeros(R.shape[:-1])
-    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+    q = quaternions(R)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)  # of half the angle
+    small = sine < 1e-4
+    safe = np.where(small, 1.0, sine)
+    return q[..., :3] * np.where(small, 2 + sine**2 / 3, 2 * np.arctan2(safe, q[..., 3:]) / safe)
 
 
 def quaternions(R: Array, w_first: bool = False) -> Array:
-    """(n, 3, 3) rotations, n may be 0, to (n, 4) unit quaternions x y z w (or w x y z) with w >= 0."""
-    from scipy.spatial.transform import Rotation
+    """(..., 3, 3) rotations to (..., 4) unit quaternions x y z w (or w x y z) with w >= 0.
 
-    if not len(R):  # scipy before 1.17 refuses no rotations
-        return np.zeros((0, 4))
-    return Rotation.from_matrix(np.array(R)).as_quat(canonical=True, scalar_first=w_first)  # a copy as above
+    The longest row of 4 q q', which is linear in R, is far from 0 for every rotation.
+
+    Source: F. L. Markley, "Unit quaternion from rotation matrix", J. Guidance, Control, and Dynamics 31(2), 2008.
+    """
+    R = np.asarray(R, float)
+    Q, diagonal = np.empty((*R.shape[:-2], 4, 4)), np.diagonal(R, axis1=-2, axis2=-1)
+    trace = diagonal.sum(-1)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        Q[..., i, i] = 1 - trace + 2 * diagonal[..., i]
+        Q[..., i, j] = Q[..., j, i] = R[..., i, j] + R[..., j, i]
+        Q[..., i, 3] = Q[..., 3, i] = R[..., k, j] - R[..., j, k]
+    Q[..., 3, 3] = 1 + trace
+    longest = np.diagonal(Q, axis1=-2, axis2=-1).argmax(-1)
+    q = np.take_along_axis(Q, longest[..., None, None], axis=-2)[..., 0, :]
+    q *= np.where(q[..., 3:] < 0, -1, 1) / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.roll(q, 1, axis=-1) if w_first else q
+
+
+def rotations(q: Array, w_first: bool = False) -> Array:
+    """(..., 4) quaternions x y z w (or w x y z) of any length but 0 to (..., 3, 3) rotations."""
+    q = np.roll(q, -1, axis=-1) if w_first else np.asarray(q, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    V = hat(q[..., :3])
+    return np.eye(3) + 2 * (q[..., 3, None, None] * V + V @ V)
 
 
 def rotation_angle_deg(R: Array) -> Array:

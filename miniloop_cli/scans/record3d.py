@@ -47,8 +47,6 @@ def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
 
 def ground_truth(sequence: Sequence) -> Trajectory | None:
     """ARKit's poses (qx qy qz qw px py pz a frame, OpenGL camera axes): a reference, not the truth."""
-    from scipy.spatial.transform import Rotation
-
     if sequence.ground_truth_path is None:
         return None
     where = shown(sequence.ground_truth_path)
@@ -60,8 +58,8 @@ def ground_truth(sequence: Sequence) -> Trajectory | None:
     usable = np.isfinite(values).all(axis=1) & (norms > 1e-6)
     poses = {}
     for k in np.flatnonzero(usable).tolist():
-        R = Rotation.from_quat(values[k, :4]).as_matrix()
-        poses[k / RATE_HZ] = usable_pose(se3.pose(R, values[k, 4:]) @ OPENGL, where)
+        T_world_gl = se3.pose(se3.rotations(values[k, :4]), values[k, 4:])
+        poses[k / RATE_HZ] = usable_pose(T_world_gl @ OPENGL, where)
     return trajectory_of(poses, where)
 
 

@@ -20,11 +20,9 @@ MAX_COORDINATE_M = 1e7
 
 def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
     """Stamps (s) with their (tx, ty, tz, qx, qy, qz, qw), in any order, quaternions of any length but 0."""
-    from scipy.spatial.transform import Rotation
-
     stamps = np.array(sorted(rows), float)
     values = np.array([rows[t] for t in stamps], float).reshape(-1, 7)
-    return Trajectory(stamps, se3.pose(Rotation.from_quat(values[:, 3:]).as_matrix(), values[:, :3]))
+    return Trajectory(stamps, se3.pose(se3.rotations(values[:, 3:]), values[:, :3]))
 
 
 def read_trajectory(path: Path | str) -> Trajectory:

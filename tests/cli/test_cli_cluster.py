@@ -7,6 +7,9 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import CancelledError
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import cluster_work
 import pytest
@@ -22,7 +25,7 @@ QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "stdin": su
 
 @pytest.fixture
 def dask(tmp_path, shared):
-    """Address of a scheduler on loopback and its two worker processes."""
+    """A scheduler on loopback, its address, its two worker processes; `another()` starts one more."""
     Client = pytest.importorskip("distributed", reason="needs the extra [cluster]").Client
     file = tmp_path / "scheduler.json"
     variables = environment(
@@ -39,11 +42,16 @@ def dask(tmp_path, shared):
         deadline = time.monotonic() + 600
         while not file.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
-        processes += [start("worker", "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1") for _ in range(2)]
+
+        def another():
+            processes.append(start("worker", "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1"))
+
+        another()
+        another()
         address = json.loads(file.read_text())["address"]
         with Client(address, timeout=600, set_as_default=False) as client:  # we wait for 10 s only, for a first one
             client.wait_for_workers(2, timeout=120)
-        yield address, processes[1:], processes[0]
+        yield SimpleNamespace(address=address, scheduler=processes[0], workers=processes[1:], another=another)
     finally:
         for process in processes:
             process.kill()
@@ -52,7 +60,7 @@ def dask(tmp_path, shared):
 
 
 def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recording, registered, shared, tmp_path):
-    address, workers, _ = dask
+    address, workers = dask.address, dask.workers
     output = tmp_path / "results"
     arguments = command("register", recording, "-o", output, "--cluster", address, "--fresh", "-v")
     environ = environment(MINILOOP_CACHE=tmp_path / "cache")
@@ -69,12 +77,11 @@ def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recor
 
 
 def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
-    address, processes, _ = dask
-    with connected(address) as cluster:
+    with connected(dask.address) as cluster:
         work = Workers(cluster=cluster).spread(cluster_work.die_once, tmp_path / "died", range(60), "squaring", 60)
         assert list(work) == [item**2 for item in range(60)]
     assert (tmp_path / "died").exists()
-    assert sum(process.poll() is None for process in processes) == 1
+    assert sum(process.poll() is None for process in dask.workers) == 1
 
 
 def test_a_scheduler_that_does_not_answer_is_told_within_bounds(monkeypatch, recording, tmp_path):
@@ -105,17 +112,16 @@ def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
     dask, recording, registered, shared, tmp_path, lost
 ):
     """Where the last worker dies between two pieces of work the run waits for another, and can be interrupted."""
-    address, workers, scheduler = dask
     output, environ = tmp_path / "results", environment(MINILOOP_CACHE=tmp_path / "cache")
     arguments = ["register", recording, "-o", output]
     with subprocess.Popen(
-        command(*arguments, "--cluster", address, "-v"), stderr=subprocess.PIPE, text=True, env=environ, cwd=shared
+        command(*arguments, "--cluster", dask.address, "-v"), stderr=subprocess.PIPE, text=True, env=environ, cwd=shared
     ) as run:
         said = []
         for line in run.stderr:
             said.append(line)
             if line.startswith("matching ..."):
-                for process in workers if lost == "workers" else [scheduler]:
+                for process in dask.workers if lost == "workers" else [dask.scheduler]:
                     process.kill()
                 killer = threading.Timer(15 if lost == "workers" else 600, run.terminate)
                 killer.start()
@@ -128,16 +134,43 @@ def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
     assert differing(registered.folder, output) == []
 
 
-def test_a_worker_that_leaves_while_it_is_sent_something(monkeypatch):
-    """The scheduler answers with a KeyError then; the others are sent it again."""
-    joblib, sent = pytest.importorskip("joblib"), []
+@pytest.mark.parametrize("losses", [2, 4])
+def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses):
+    """A worker may leave before it is sent anything, meanwhile, or with all that the others need."""
+    joblib = pytest.importorskip("joblib")
+    CommClosedError = pytest.importorskip("distributed.comm", reason="needs the extra [cluster]").CommClosedError
+    ways = iter([KeyError("tcp://127.0.0.1:41279"), CommClosedError(), CancelledError(), CommClosedError()][:losses])
+    asked = []
 
-    def parallel_config(*_, scatter, **__):
-        sent.append(scatter)
-        if len(sent) < 3:
-            raise KeyError("tcp://127.0.0.1:41279")
-        return "held"
+    def parallel_config(*_, **__):
+        for loss in ways:
+            raise loss
+        return nullcontext()
+
+    async def greet(address):
+        asked.append(address)
 
     monkeypatch.setattr(joblib, "parallel_config", parallel_config)
-    assert Cluster(None)._holding(["package"]) == "held"
-    assert len(sent) == 3
+    monkeypatch.setattr(joblib, "Parallel", lambda **_: lambda calls: (work(*given) for work, given, _ in calls))
+    monkeypatch.setattr(cluster_module, "_greet", greet)
+    scheduler = SimpleNamespace(address="tcp://here:1")
+    client = SimpleNamespace(scheduler=scheduler, ncores=lambda: {"one": 2}, wait_for_workers=lambda n, timeout: n)
+    work = Cluster(client).map(lambda power, item: item**power, 2, range(9))
+    if losses == 4:
+        with pytest.raises(MiniloopError, match="is lost"):
+            list(work)
+    else:
+        assert list(work) == [item**2 for item in range(9)]
+    assert asked == ["tcp://here:1"] * min(losses, 3)
+
+
+def test_work_waits_for_the_next_worker_where_all_die(dask, tmp_path):
+    """What is done is not done again."""
+    with connected(dask.address) as cluster:
+        work = Workers(cluster=cluster).spread(cluster_work.leave_a_trace, tmp_path, range(60), "squaring", 60)
+        begun = [next(work) for _ in range(8)]
+        for process in dask.workers:
+            process.kill()
+        dask.another()
+        assert begun + list(work) == [item**2 for item in range(60)]
+    assert [len(list(tmp_path.glob(f"{item}-*"))) for item in range(8)] == [1] * 8
