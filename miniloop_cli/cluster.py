@@ -33,7 +33,7 @@ class Cluster:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
         Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
-        the rest of the items. `function` must be importable there.
+        the rest of the items, to whoever is there within ANSWER_S. `function` must be importable there.
         Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
         from concurrent.futures import CancelledError
@@ -72,8 +72,8 @@ class Cluster:
 
         try:
             return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
-        except KeyError as error:  # what the scheduler says of a worker that left before it was its turn
-            raise CommClosedError(f"worker {error} has left") from error
+        except (KeyError, TimeoutError) as error:  # a worker left before it was its turn, or there is none
+            raise CommClosedError(f"a worker has left ({error})") from error
 
 
 def _work(function: Callable[[Shared, Item], Result], package: list[Shared], batch: list[Item]) -> list[Result]:

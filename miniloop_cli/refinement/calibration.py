@@ -85,13 +85,13 @@ def _undone(
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool,
 ) -> BundleResult:  # fmt: skip
     motion = moving.path_twists(T)
-    px, z_m = corrected(measured, moving.flow(measured, T, motion), timing)
+    px, z_m = corrected(measured, moving.flow(measured, T, motion), timing, moving.camera)
     points, unsure = None, np.zeros((len(T), 6, 6))
     for _ in range(FELT_STEPS if feel else 0):
         result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
         T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
         motion, unsure = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
-        px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing)
+        px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
     result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
     if result.covariance is None:
         return result
@@ -125,7 +125,7 @@ def calibrate(
     times, step, before, hessian = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((2, 2))
     for k in range(MOST_STEPS):
         path_flow = _path_flow(moving, part, result)
-        px, z_m = corrected(part, path_flow, Timing(*times))
+        px, z_m = corrected(part, path_flow, Timing(*times), moving.camera)
         result = adjust(result.T_world_cam, part, moving.camera, settings, jobs, px, z_m, result.points_world)
         gradient, alone = slopes(part, path_flow, result, settings.sigma_px, sigma_z_m)
         hessian = _learned(hessian, step, gradient - before) if k else FOLLOWING * np.diag(alone)

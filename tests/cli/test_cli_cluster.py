@@ -5,7 +5,6 @@ import os
 import socket
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import CancelledError
 from contextlib import nullcontext
@@ -111,7 +110,7 @@ def test_without_dask_the_way_to_get_it_is_told(monkeypatch):
 def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
     dask, recording, registered, shared, tmp_path, lost
 ):
-    """Where the last worker dies between two pieces of work the run waits for another, and can be interrupted."""
+    """Where the last worker dies the run waits for another, but not for long."""
     output, environ = tmp_path / "results", environment(MINILOOP_CACHE=tmp_path / "cache")
     arguments = ["register", recording, "-o", output]
     with subprocess.Popen(
@@ -123,12 +122,8 @@ def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
             if line.startswith("matching ..."):
                 for process in dask.workers if lost == "workers" else [dask.scheduler]:
                     process.kill()
-                killer = threading.Timer(15 if lost == "workers" else 600, run.terminate)
-                killer.start()
-    killer.cancel()
-    assert run.returncode in (1, 130), "".join(said)
-    words = ("is lost", "died over the same work") if run.returncode == 1 else ("interrupted",)
-    assert any(word in said[-1] for word in words), "".join(said)
+    assert run.returncode == 1, "".join(said)
+    assert any(words in said[-1] for words in ("is lost", "died over the same work")), "".join(said)
     assert "Traceback" not in "".join(said)
     assert run_process(*arguments, "-q", cwd=shared, MINILOOP_CACHE=tmp_path / "cache").returncode == 0
     assert differing(registered.folder, output) == []
@@ -139,7 +134,7 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     """A worker may leave before it is sent anything, meanwhile, or with all that the others need."""
     joblib = pytest.importorskip("joblib")
     CommClosedError = pytest.importorskip("distributed.comm", reason="needs the extra [cluster]").CommClosedError
-    ways = iter([KeyError("tcp://127.0.0.1:41279"), CommClosedError(), CancelledError(), CommClosedError()][:losses])
+    ways = iter([KeyError("tcp://127.0.0.1:41279"), CommClosedError(), CancelledError(), TimeoutError()][:losses])
     asked = []
 
     def parallel_config(*_, **__):

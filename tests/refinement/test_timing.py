@@ -103,7 +103,7 @@ def test_what_was_put_in_is_undone():
     T = pose_at(STAMPS_S)
     v, w = twists(T, STAMPS_S, np.ones(25, bool))
     moving = flow(measured, camera_depths(measured, T, X), v, w, CAMERA)
-    px, z = corrected(measured, moving, Timing(0.025, -0.02))
+    px, z = corrected(measured, moving, Timing(0.025, -0.02), CAMERA)
     px_true, z_true = seen(STAMPS_S[measured.frame], X[measured.track])
     middle = (measured.frame > 2) & (measured.frame < 22)
     before = np.linalg.norm(measured.px_ideal - px_true, axis=1)[middle]
@@ -111,6 +111,31 @@ def test_what_was_put_in_is_undone():
     assert np.median(before) > 0.4
     assert np.median(after) < 0.1 * np.median(before)
     assert np.median(np.abs(z - z_true)[middle]) < 0.5 * np.median(np.abs(measured.z_m - z_true)[middle])
+
+
+@pytest.mark.parametrize("motion", [(0.0, 3.3, 0.0, 0.0, 0.0, 0.0), (1.0, -2.0, 2.5, 0.6, -0.4, 0.8)])
+def test_a_fast_turn_is_undone_into_the_corners(motion):
+    """190 degrees a second: to first order of it, corners would be a pixel off."""
+    w, v = np.split(np.array(motion), 2)
+    rng, readout_s = np.random.default_rng(7), 0.03
+    px_true = rng.uniform((0, 0), (640, 480), (300, 2))
+    X = CAMERA.backproject(px_true, rng.uniform(0.8, 4.0, 300))
+    share = np.zeros(300)
+    for _ in range(30):  # the row decides the time, the time decides the row
+        row_s = (readout_s * share)[:, None]
+        R = se3.exp_so3(row_s * w)
+        X_row = np.einsum("kji,kj->ki", R, X - row_s * v)
+        share = (CAMERA.project(X_row)[:, 1] - 239.5) / 480
+    none = np.zeros(300)
+    measured = Measurements(
+        np.zeros(300, int), np.arange(300), share, CAMERA.project(X_row), X_row[:, 2], np.zeros((300, 2)), none
+    )
+    moving = flow(measured, X[:, 2], v[None], w[None], CAMERA)
+    px, z = corrected(measured, moving, Timing(readout_s, 0.0), CAMERA)
+    np.testing.assert_allclose(px, px_true, atol=0.02)
+    np.testing.assert_allclose(z, X[:, 2], atol=1e-4)
+    first_order = measured.px_ideal - (readout_s * share)[:, None] * moving.px
+    assert np.linalg.norm(first_order - px_true, axis=1).max() > 0.8
 
 
 @pytest.mark.parametrize(("readout_s", "lag_s"), [(0.02, -0.02), (0.03, 0.015), (0.0, -0.03)])
@@ -210,7 +235,7 @@ def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
     assert error(felt)[1] < 0.7 * error(by_path)[1]
 
     path = moving.path_twists(truth)
-    px, z_m = corrected(measured, moving.flow(measured, truth, path), timing)
+    px, z_m = corrected(measured, moving.flow(measured, truth, path), timing, CAMERA)
     settled = adjust(truth, measured, CAMERA, rough, 1, px, z_m)
     found, _ = felt_twists(path, path, measured, settled, timing, CAMERA, rough)
     assert np.linalg.norm(found[1] - w_true, axis=1).mean() < 0.7 * np.linalg.norm(path[1] - w_true, axis=1).mean()
@@ -238,7 +263,7 @@ def test_frames_that_see_too_little_keep_the_motion_of_the_path():
     moving, T = MovingCamera(CAMERA, STAMPS_S, np.ones(25, bool)), pose_at(STAMPS_S)
     path, timing = moving.path_twists(T), Timing(0.025, -0.016)
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
-    settled = adjust(T, few, CAMERA, rough, 1, *corrected(few, moving.flow(few, T, path), timing))
+    settled = adjust(T, few, CAMERA, rough, 1, *corrected(few, moving.flow(few, T, path), timing, CAMERA))
     (v, w), unsure = felt_twists(path, path, few, settled, timing, CAMERA, rough)
     assert not unsure[7].any()
     assert np.linalg.eigvalsh(unsure[8]).min() > -1e-12 < unsure[8].trace()
