@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -51,7 +52,7 @@ class Cluster:
                     sends -= 1
                     if not sends:
                         raise
-                    asyncio.run(_greet(self.client.scheduler.address))
+                    _greet(self.client.scheduler.address)
                     self.client.wait_for_workers(1, timeout=ANSWER_S)
 
     def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
@@ -112,7 +113,7 @@ def connected(address: str) -> Iterator[Cluster]:
     except ImportError as error:
         raise MiniloopError(f"--cluster needs dask ({error}): pip install 'miniloop[cluster]'") from error
     try:
-        asyncio.run(_greet(address))
+        _greet(address)
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -125,12 +126,16 @@ def connected(address: str) -> Iterator[Cluster]:
         yield Cluster(client)
 
 
-async def _greet(address: str) -> None:
+def _greet(address: str) -> None:
     """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
     from distributed.comm import connect
 
-    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
-    comm.abort()
+    async def greet() -> None:
+        comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
+        comm.abort()
+
+    with ThreadPoolExecutor(1) as thread:  # the caller's may be a notebook's, at work in a loop of its own
+        thread.submit(asyncio.run, greet()).result()
 
 
 def _check_workers(client: Any, address: str) -> None:

@@ -2,8 +2,8 @@
 
 The rows of a colour image are exposed one after the other, and the depth image that is stored beside it was taken at
 another moment. With the camera's motion known both are undone in the measurements themselves: a pixel is moved to where
-it would have been at the middle row's time, and a depth to what it would have read then. The
-two unknown times, one of each for a whole recording, are found as those under which all measurements agree best.
+it would have been at the middle row's time, and a depth to what it would have read then. The two unknown times, one of
+each for a whole recording, are found as those under which all measurements agree best.
 """
 
 from __future__ import annotations
@@ -86,8 +86,9 @@ def corrected(measured: Measurements, moving: Flow, timing: Timing, camera: Came
 
     The pixel was measured at the time e of its row, the depth there d later: infrared cameras roll as colour cameras
     do. The ray of the pixel, taken from the camera of its row to that of the middle row, meets the point's depth there;
-    `scale` is how far along the ray that is. By d the image moved on over the surface by d flow, and the depth
-    changed by d z': z(stamp) = z + d slope . flow - d z' + (z(middle row) - z(row)).
+    `scale` is how far along the ray that is. By d the image moved on over the surface by d flow, and the depth changed
+    by d z': z(stamp) = z + d slope . flow - d z' + (z(middle row) - z(row)). Where that is behind the camera, it does
+    not move as it is said to, and there is no depth.
     """
     row_s, late_s = timing.readout_s * measured.row_share, measured.stamp_lag_s + timing.lag_s
     turn, move = row_s[:, None] * moving.w, row_s[:, None] * moving.v
@@ -97,7 +98,7 @@ def corrected(measured: Measurements, moving: Flow, timing: Timing, camera: Came
     X = scale[:, None] * X + move
     X[:, 2] = depth_m
     z_m = measured.z_m + late_s * (_along_surface(measured, moving) - moving.z) + (1 - scale) * depth_m
-    return camera.project(X), z_m
+    return camera.project(X), np.where(z_m > 0, z_m, np.nan)
 
 
 def _along_surface(measured: Measurements, moving: Flow) -> Floats:

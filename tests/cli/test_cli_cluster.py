@@ -1,5 +1,6 @@
 """`register --cluster` on a real scheduler and two worker processes: the same bytes, also where a worker is killed."""
 
+import asyncio
 import json
 import os
 import socket
@@ -100,6 +101,18 @@ def test_a_scheduler_that_does_not_answer_is_told_within_bounds(monkeypatch, rec
     assert "--cluster nonsense://x" in done.stderr
 
 
+def test_a_notebook_may_ask_for_a_cluster():
+    """Its code runs inside a loop, where no other loop can be run."""
+    pytest.importorskip("distributed", reason="needs the extra [cluster]")
+
+    async def cell():
+        with connected("tcp://127.0.0.1:1"):
+            pass
+
+    with pytest.raises(MiniloopError, match="no scheduler answers"):
+        asyncio.run(cell())
+
+
 def test_without_dask_the_way_to_get_it_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MiniloopError, match=r"pip install 'miniloop\[cluster\]'"), connected("tcp://127.0.0.1:1"):
@@ -142,12 +155,9 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
             raise loss
         return nullcontext()
 
-    async def greet(address):
-        asked.append(address)
-
     monkeypatch.setattr(joblib, "parallel_config", parallel_config)
     monkeypatch.setattr(joblib, "Parallel", lambda **_: lambda calls: (work(*given) for work, given, _ in calls))
-    monkeypatch.setattr(cluster_module, "_greet", greet)
+    monkeypatch.setattr(cluster_module, "_greet", asked.append)
     scheduler = SimpleNamespace(address="tcp://here:1")
     client = SimpleNamespace(scheduler=scheduler, ncores=lambda: {"one": 2}, wait_for_workers=lambda n, timeout: n)
     work = Cluster(client).map(lambda power, item: item**power, 2, range(9))

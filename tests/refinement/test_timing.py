@@ -138,6 +138,18 @@ def test_a_fast_turn_is_undone_into_the_corners(motion):
     assert np.linalg.norm(first_order - px_true, axis=1).max() > 0.8
 
 
+def test_velocities_that_cannot_be_leave_no_depth_behind_the_camera():
+    """Poses of a false match give them; an adjustment refuses depths that are not positive."""
+    measured, X = recording(0.025, -0.02, np.random.default_rng(0), noise_px=0)
+    T, rng = pose_at(STAMPS_S), np.random.default_rng(1)
+    v, w = 60 * rng.normal(size=(25, 3)), 30 * rng.normal(size=(25, 3))
+    moving = flow(measured, camera_depths(measured, T, X), v, w, CAMERA)
+    px, z = corrected(measured, moving, Timing(0.05, 0.1), CAMERA)
+    assert np.isfinite(px).all()
+    assert np.isnan(z).any()
+    assert not (z <= 0).any()
+
+
 @pytest.mark.parametrize(("readout_s", "lag_s"), [(0.02, -0.02), (0.03, 0.015), (0.0, -0.03)])
 def test_the_two_times_are_found_from_the_measurements_alone(readout_s, lag_s):
     measured, _ = recording(readout_s, lag_s, np.random.default_rng(1))
