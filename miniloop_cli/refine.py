@@ -32,14 +32,10 @@ MIN_SHARED = 10  # tracks that tie two scans to each other
 # Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
 # a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
 SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-3)
-COMMON_ERROR = 1.6  # in sigmas: what views have in common, as a patch seen from the side, shows in no residual
 
 
 def refine(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
-    """Refined poses of the largest component, by the method of the settings, from the edges used inside of it.
-
-    Covariances of a bundle adjustment are widened by COMMON_ERROR, measured on simulated recordings (docs/trust.md).
-    """
+    """Refined poses of the largest component, by the method of the settings, from the edges used inside of it."""
     if settings.refine == "bundle":
         if len(poses.registered) <= settings.bundle.max_scans:
             bundled = _bundle(poses, inside, scans, settings, workers)
@@ -92,7 +88,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
-    return Refined(Poses(result.T_world_cam, poses.component), COMMON_ERROR**2 * covariance, timing)
+    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
 
 
 def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:

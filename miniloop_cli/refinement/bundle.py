@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from miniloop_cli.geometry.se3 import pose, project_so3, transform
 from miniloop_cli.refinement.bundle_problem import Bundle
-from miniloop_cli.refinement.edge_terms import Edges, make_edges
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
 from miniloop_cli.refinement.lm import Descent, minimise
+from miniloop_cli.refinement.parts import image_part
 from miniloop_cli.refinement.points import initial_points
 from miniloop_cli.refinement.robust import KERNELS, Kernel
 from miniloop_cli.refinement.track_terms import Model, Observations
@@ -70,14 +70,12 @@ def bundle_adjust(
     z_m: Array,
     camera: Camera,
     settings: BundleSettings | None = None,
-    edges: Edges | None = None,
     jobs: int = 1,
     points_world: Array | None = None,
 ) -> BundleResult:
     """Refine poses (n, 4, 4) and the points of tracks.
 
     frame, track (k,) ints; px_ideal (k, 2) undistorted pixels; z_m (k,) depth in metres, NaN where none was measured.
-    `edges` (see make_edges): relative poses that count beside the tracks, for frames that share few of them.
     `jobs` threads change the time, not one bit of the result. `points_world` (tracks, 3): where points begin, as an
     earlier adjustment left them; NaN, or no such row, where that is to be found from the measurements.
     The fixed frame keeps its pose, as do frames without observations and the first frame of a group that nothing ties
@@ -100,21 +98,19 @@ def bundle_adjust(
         X[known], good[known] = points_world[known] - origin, True
     order = order[good[track[order]]]
     obs, model = _kernel_inputs(frame[order], track[order], n_tracks, px[order], z[order], camera, settings)
-    if edges is None:
-        edges = make_edges(len(T), np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), "none", 1.0)
     fixed_frame = settings.fixed_frame
     if fixed_frame is None:
         fixed_frame = int(np.argmax(np.bincount(obs.frame, minlength=len(T))))
     if not 0 <= fixed_frame < len(T):
         raise ValueError(f"no frame {fixed_frame} to hold fixed among {len(T)}")
 
-    problem = Bundle(obs, model, R, t, X, edges, jobs)
+    problem = Bundle(obs, model, R, t, X, jobs)
     descent = minimise(problem, settings.max_iterations, settings.relative_tolerance)
     residual, weight = problem.evaluate()
     anchor = anchor_of(len(T), problem.pairs, fixed_frame)
     covariance = None
     if settings.covariance:
-        covariance = problem.covariance(held=anchor == np.arange(len(T)))
+        covariance = problem.covariance(anchor == np.arange(len(T)), image_part(obs.px, camera))
         covariance = with_untied(covariance, anchor, fixed_frame)
 
     refined = pose(problem.R, problem.t + origin)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry.se3 import exp_so3
 from miniloop_cli.refinement.block_system import BlockSystem
-from miniloop_cli.refinement.edge_terms import Edges, add_edges, evaluate_edges
-from miniloop_cli.refinement.noise_terms import add_noise, point_leverage
+from miniloop_cli.refinement.parts import left_shares
 from miniloop_cli.refinement.robust import NAMES, weight_and_curvature
 from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.track_terms import Model, Observations, evaluate_tracks, mark_seen_together
@@ -23,9 +22,7 @@ Part = TypeVar("Part")
 _CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
 _CHUNK_BYTES = 1 << 28
 _LEAST_CURVATURE = 0.25  # of the weights' own: where residuals are large, the kernels' is no guide
-_TIE = (
-    1e-8  # relative prior of a pose in its covariance: a direction that nothing measures comes out huge, not singular
-)
+_TIE = 1e-8  # relative prior of a pose in its covariance: a direction that nothing measures must not be singular
 
 
 def lost(S: Array, count: int) -> Ints:
@@ -33,19 +30,24 @@ def lost(S: Array, count: int) -> Ints:
     return np.flatnonzero(~S[:count].any(axis=(1, 2)))
 
 
+def _subset(obs: Observations, kept: NDArray[np.bool_]) -> Observations:
+    """The observations that are kept (k,); a track may have none left."""
+    start = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])[obs.start]
+    return Observations(start, *(column[kept] for column in obs[1:]))
+
+
 class Bundle:
     """Poses R (n, 3, 3), t (n, 3), points X (p, 3), and the last proposal."""
 
-    def __init__(self, obs: Observations, model: Model, R: Array, t: Array, X: Array, edges: Edges, jobs: int) -> None:
-        self.obs, self.model, self.edges, self.R, self.t, self.X, self.jobs = obs, model, edges, R, t, X, jobs
+    def __init__(self, obs: Observations, model: Model, R: Array, t: Array, X: Array, jobs: int) -> None:
+        self.obs, self.model, self.R, self.t, self.X, self.jobs = obs, model, R, t, X, jobs
         n = len(R)
         together = np.zeros((n, n), bool)
         mark_seen_together(obs, together)
-        self.pairs = np.concatenate([np.argwhere(together), edges.pairs])
+        self.pairs = np.argwhere(together)
         self.idle = np.bincount(self.pairs.ravel(), minlength=n) == 0
         self.system = BlockSystem(self.idle, self.pairs)
-        self._has_edges = len(edges.i) > 0  # without them their kernels need not be compiled
-        self._table, self._block = self.system.table(), self.system.block_of(edges.i, edges.j)
+        self._table = self.system.table()
         # Tracks are cut where the work (the square of the length) is even.
         length = np.diff(obs.start)
         chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 2, _CHUNKS))
@@ -64,20 +66,23 @@ class Bundle:
     def accept(self) -> None:
         self.R, self.t, self.X = self._proposal
 
-    def reduced(self, model: Model, damping: float) -> tuple[Array, Array, float]:
-        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost."""
+    def reduced(self, model: Model, damping: float, obs: Observations | None = None) -> tuple[Array, Array, float]:
+        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost; of part of what was seen, if
+        `obs` says so, in the same tracks.
+        """
+        obs = self.obs if obs is None else obs
 
         def chunk(low: int, high: int) -> tuple[Array, Array, float]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
             state = (self.R, self.t, self.X)
-            return S, g, reduce_tracks(low, high, self.obs, model, *state, damping, self._table, S, g)
+            return S, g, reduce_tracks(low, high, obs, model, *state, damping, self._table, S, g)
 
         parts = self._in_chunks(chunk)
         S, g, cost = parts[0]
         for more_S, more_g, more_cost in parts[1:]:
             S, g, cost = S + more_S, g + more_g, cost + more_cost
         self._mirror(S)
-        return S, g, cost + self._add_edges(damping, S, g)
+        return S, g, cost
 
     def evaluate(self) -> tuple[Array, Array]:
         """Whitened residuals (k, 3) and robust weights (k, 2) of all observations."""
@@ -85,32 +90,33 @@ class Bundle:
         evaluate_tracks(self.obs, self.model, self.R, self.t, self.X, residual, weight)
         return residual, weight
 
-    def covariance(self, held: NDArray[np.bool_]) -> Array:
-        """(n, 6, 6) marginal covariances of the poses at a minimum, given the held ones.
+    def covariance(self, held: NDArray[np.bool_], part: Ints) -> Array:
+        """(n, 6, 6) marginal covariances of the poses at a minimum, given the held ones; part (k,): see parts.py.
 
-        H^-1 B H^-1 with H the reduced Hessian by the mean curvature of the kernels, and B what the noise does to its
-        gradient (Huber 1967; White 1982). The size of the noise is taken from the residuals, one factor for
-        all pixels and one for all depths, so that it holds whatever the settings assumed of it; that residuals are
-        independent is assumed. The diagonal blocks of the product are the derivative of those of (H - e B)^-1 by e:
-        two selected inverses, no column is ever solved for. Infinite for poses of which no observation is left.
+        Variances are those of the grouped jackknife, by one Newton step without each part. Correlations are those of
+        the inverse Hessian, as the parts are too few to tell them. Infinite for poses that nothing, or a single part,
+        tells of.
         """
-        bread, noise = self._spread(6 * np.count_nonzero(~held))
-        H = self.reduced(bread, 0.0)[0]
-        unknown = np.setdiff1d(lost(H, len(held)), np.flatnonzero(held))
-        H[unknown] = np.eye(6)
-        B = np.zeros_like(H)
-        add_noise(self.obs, bread, noise, self.R, self.t, self.X, self._table, B)
-        self._mirror(B)
-        self._add_edges(0.0, B, np.zeros((len(self.R), 6)))
-        free, d = np.flatnonzero(~held)[:, None], np.arange(6)
-        ratio = np.max(B[free, d, d] / H[free, d, d], initial=1e-12)
-        tie = _TIE * H[free, d, d]
-        H[free, d, d] += tie
-        B[free, d, d] += ratio * tie
-        system, step = BlockSystem(held, self.pairs), 1e-3 / ratio
-        found = (system.marginals(H - step * B) - system.marginals(H + step * B)) / (2 * step)
-        found[unknown] = np.diag(np.full(6, np.inf))
+        model, system = self._stepping(), BlockSystem(held, self.pairs)
+        H, unknown = self._regular(self.reduced(model, 0.0)[0])
+        inverse, variance = system.marginals(H), np.zeros((len(held), 6))
+        for number, left in enumerate(left_shares(part)):
+            S, g, _ = self.reduced(model, 0.0, _subset(self.obs, part != number))
+            S, gone = self._regular(S)
+            unknown |= gone
+            variance += left * system.solve(S, -g) ** 2
+        size = np.sqrt(variance / np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse)))
+        found = size[:, :, None] * inverse * size[:, None, :]
+        found[unknown & ~held] = np.diag(np.full(6, np.inf))
         return found
+
+    def _regular(self, S: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """The blocks, those of poses of which nothing is known replaced, and which poses (n,) these are."""
+        gone = np.zeros(len(self.R), bool)
+        gone[lost(S, len(self.R))] = True
+        S[: len(gone)][gone] = np.eye(6)
+        S[: len(gone), range(6), range(6)] *= 1 + _TIE
+        return S, gone
 
     def _stepping(self) -> Model:
         """The model whose Hessian has the kernels' mean curvature here.
@@ -131,27 +137,6 @@ class Bundle:
         z2 = residual[seen & (self.obs.inverse_sigma_z > 0), 2] ** 2
         return (px2, self.model.c2_px**0.5, 2), (z2, self.model.c2_depth**0.5, 1)
 
-    def _spread(self, pose_freedoms: int) -> tuple[Model, Model]:
-        """Models whose Hessians are the curvature of the cost, and the variance of its gradient."""
-        squares, state, model = self._squares(), (self.R, self.t, self.X), self.model
-        only_px, only_z = model._replace(curvature_depth=0.0), model._replace(curvature_px=0.0)
-        absorbed = [point_leverage(self.obs, model, part, *state) for part in (only_px, only_z)]
-        sizes = [dimension * len(s) for s, _, dimension in squares]
-        left = sum(sizes) - sum(absorbed)
-        poses = max(left - pose_freedoms, 1.0) / max(left, 1.0)
-        found = []
-        for (s, scale, dimension), size, taken in zip(squares, sizes, absorbed, strict=True):
-            # The fit has shrunk the residuals; the errors were larger by what it took.
-            error2 = s / (max(size - taken, 1.0) / max(size, 1) * poses)
-            total = max(weight_and_curvature(NAMES[model.kind], s, scale, dimension)[0].sum(), 1e-12)
-            weight, curvature = weight_and_curvature(NAMES[model.kind], error2, scale, dimension)
-            found.append((max(curvature.sum() / total, 0.1), weight**2 @ error2 / (dimension * total)))
-        (px_curvature, px_variance), (z_curvature, z_variance) = found
-        return (
-            model._replace(curvature_px=float(px_curvature), curvature_depth=float(z_curvature)),
-            model._replace(curvature_px=float(px_variance), curvature_depth=float(z_variance)),
-        )
-
     def _move(self, model: Model, step: Array, damping: float) -> float:
         """Propose the pose step (n, 6) and the points that go with it; their cost."""
         R = np.ascontiguousarray(self.R @ exp_so3(step[:, :3]))
@@ -162,11 +147,7 @@ class Bundle:
             old = (self.R, self.t, self.X)
             return step_tracks(low, high, self.obs, model, *old, damping, step, R, t, X)
 
-        cost = sum(self._in_chunks(chunk))
-        return cost + evaluate_edges(self.edges, R, t, *np.empty((2, len(self.edges.i)))) if self._has_edges else cost
-
-    def _add_edges(self, damping: float, S: Array, g: Array) -> float:
-        return add_edges(self.edges, self._block, self.R, self.t, damping, S, g) if self._has_edges else 0.0
+        return sum(self._in_chunks(chunk))
 
     def _mirror(self, S: Array) -> None:
         diagonal = S[: len(self.R)]

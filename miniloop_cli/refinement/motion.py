@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
+from miniloop_cli.refinement.parts import PARTS, image_part, left_shares
 from miniloop_cli.refinement.timing import Measurements, Timing
 from miniloop_cli.scans.camera import Camera
 
@@ -74,11 +75,13 @@ def felt_twists(
     for f in np.flatnonzero(np.diff(start) >= LEAST_OBSERVATIONS):
         prior = near if on_path[f] else free
         rows = order[start[f] : start[f + 1]]
-        H, g, variance = _frame_system(rows, T_cam_world[f], measured, adjusted, timing, camera, settings)
-        unsure[f] = _by_twist(H / variance, prior)
-        H[range(6, 12), range(6, 12)] += prior
-        g[6:] += prior * (twist[f] - centre[f])
-        felt[f] -= np.linalg.solve(_regular(H), g)[6:]
+        part = image_part(measured.px_ideal[rows], camera)
+        H, g = _frame_systems(rows, part, T_cam_world[f], measured, adjusted, timing, camera, settings)
+        H[:, range(6, 12), range(6, 12)] += prior
+        g[:, 6:] += prior * (twist[f] - centre[f])
+        twist_step = np.linalg.solve(_regular(H), g[..., None])[:, 6:, 0]
+        felt[f] -= twist_step[0]
+        unsure[f] = _by_twist(_regular(H[0]), prior, twist_step[1:] - twist_step[0], left_shares(part))
     moved = (felt != twist).any(axis=1)
     if moved.any():
         felt[moved] -= np.median((felt - centre)[moved], axis=0)
@@ -86,28 +89,32 @@ def felt_twists(
 
 
 def _regular(H: Floats) -> Floats:
-    return H + 1e-12 * np.trace(H) * np.eye(len(H))
+    return H + 1e-12 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(12)
 
 
-def _by_twist(H: Floats, prior: Floats) -> Floats:
-    """Covariance (6, 6) of a pose less what it is where the twist is known; H (12, 12) information of both."""
-    with_prior = H.copy()
-    with_prior[range(6, 12), range(6, 12)] += prior
-    return np.linalg.inv(_regular(with_prior))[:6, :6] - np.linalg.inv(_regular(H[:6, :6]))
+def _by_twist(H: Floats, prior: Floats, changes: Floats, left: Floats) -> Floats:
+    """Covariance (6, 6) that a pose has by that of its twist; H (12, 12) with the prior (6,) of the twist.
+
+    The twist's is that by the prior, and by the measurements: its changes (parts, 6) without each part of them.
+    """
+    C = np.linalg.inv(H)[6:, 6:]
+    of_twist = C @ (prior[:, None] * C) + changes.T @ (left[:, None] * changes)
+    by_twist = np.linalg.solve(H[:6, :6], H[:6, 6:])
+    return by_twist @ of_twist @ by_twist.T
 
 
-def _frame_system(
+def _frame_systems(
     rows: NDArray[np.int64],
+    part: NDArray[np.int64],
     T_cam_world: Floats,
     measured: Measurements,
     adjusted: BundleResult,
     timing: Timing,
     camera: Camera,
     settings: BundleSettings,
-) -> tuple[Floats, Floats, float]:
-    """Normal equations H (12, 12), g (12,) of one frame's measurements by its pose and its twist, both as (w, v).
-
-    And the variance of its residuals, in squares of the sigmas that H takes for true; never zero.
+) -> tuple[Floats, Floats]:
+    """Normal equations H (1 + PARTS, 12, 12), g (1 + PARTS, 12) of one frame's measurements by its pose and its twist,
+    both as (w, v): of all, and without each part of the image.
     """
     X = se3.transform(T_cam_world, adjusted.points_world[measured.track[rows]])
     z = X[:, 2:]
@@ -127,6 +134,8 @@ def _frame_system(
     J = np.concatenate([px_by_both, depth_by_both[:, None]], axis=1)
     r = np.concatenate([adjusted.residual_px[rows], np.nan_to_num(adjusted.residual_depth[rows])[:, None]], axis=1)
     weight = np.stack([adjusted.weight_px[rows]] * 2 + [adjusted.weight_depth[rows]], axis=1)
-    J, r, weight = J.reshape(-1, 12), r.ravel(), weight.ravel()
-    variance = (weight * r**2).sum() / max(np.count_nonzero(weight) - 12, 1)
-    return J.T @ (weight[:, None] * J), J.T @ (weight * r), max(float(variance), 1e-12)
+    J_weighted = weight[:, :, None] * J
+    inside = [np.flatnonzero(part == number) for number in range(PARTS)]
+    H = np.array([np.einsum("kri,krj->ij", J_weighted[k], J[k]) for k in inside])
+    g = np.array([np.einsum("kri,kr->i", J_weighted[k], r[k]) for k in inside])
+    return tuple(np.concatenate([whole[None], whole - of]) for whole, of in ((H.sum(axis=0), H), (g.sum(axis=0), g)))

@@ -7,7 +7,7 @@ import pytest
 
 from miniloop_cli.bench.pose_errors import normalised_errors, within_2_sigma
 from miniloop_cli.geometry import se3
-from miniloop_cli.refine import COMMON_ERROR, SHARP
+from miniloop_cli.refine import SHARP
 from miniloop_cli.refinement import calibration
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.calibration import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
@@ -263,9 +263,10 @@ def test_poses_are_as_uncertain_as_their_motion_makes_them(monkeypatch):
         with monkeypatch.context() as patched:
             for found in (errors, of_known_motion):
                 run, _ = adjust_moving(truth, measured, moving, timing, rough, SHARP, 1)
-                found.append(normalised_errors(run.T_world_cam, truth, run.covariance) / COMMON_ERROR)
+                found.append(normalised_errors(run.T_world_cam, truth, run.covariance))
                 patched.setattr(calibration, "with_own_errors", lambda covariance, *_: covariance)
-    assert 0.88 < within_2_sigma(np.concatenate(errors)) < 0.98
+    assert 0.92 < within_2_sigma(np.concatenate(errors)) < 0.99
+    assert 0.75 < np.sqrt((np.concatenate(errors) ** 2).mean()) < 1.1
     assert within_2_sigma(np.concatenate(of_known_motion)) < 0.85
 
 
