@@ -22,7 +22,8 @@ Part = TypeVar("Part")
 _CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
 _CHUNK_BYTES = 1 << 28
 _LEAST_CURVATURE = 0.25  # of the weights' own: where residuals are large, the kernels' is no guide
-_TIE = 1e-8  # relative prior of a pose in its covariance: a direction that nothing measures must not be singular
+_TIE = 1e-8  # damping of a covariance: a direction that nothing measures must not be singular
+_LEAST_LEFT = 1e-5  # of what is known of a pose: with less, a single part of the image tells of it
 
 
 def lost(S: Array, count: int) -> Ints:
@@ -97,26 +98,23 @@ class Bundle:
         the inverse Hessian, as the parts are too few to tell them. Infinite for poses that nothing, or a single part,
         tells of.
         """
-        model, system = self._stepping(), BlockSystem(held, self.pairs)
-        H, unknown = self._regular(self.reduced(model, 0.0)[0])
-        inverse, variance = system.marginals(H), np.zeros((len(held), 6))
+        model, system, n = self._stepping(), BlockSystem(held, self.pairs), len(held)
+        H = self.reduced(model, _TIE)[0]
+        unknown = np.zeros(n, bool)
+        unknown[lost(H, n)] = True
+        H[:n][unknown] = np.eye(6)
+        diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
         for number, left in enumerate(left_shares(part)):
-            S, g, _ = self.reduced(model, 0.0, _subset(self.obs, part != number))
-            S, gone = self._regular(S)
+            S, g, _ = self.reduced(model, _TIE, _subset(self.obs, part != number))
+            gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
+            S[:n][gone], g[gone] = H[:n][gone], 0.0
             unknown |= gone
             variance += left * system.solve(S, -g) ** 2
+        inverse = system.marginals(H)
         size = np.sqrt(variance / np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse)))
         found = size[:, :, None] * inverse * size[:, None, :]
         found[unknown & ~held] = np.diag(np.full(6, np.inf))
         return found
-
-    def _regular(self, S: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """The blocks, those of poses of which nothing is known replaced, and which poses (n,) these are."""
-        gone = np.zeros(len(self.R), bool)
-        gone[lost(S, len(self.R))] = True
-        S[: len(gone)][gone] = np.eye(6)
-        S[: len(gone), range(6), range(6)] *= 1 + _TIE
-        return S, gone
 
     def _stepping(self) -> Model:
         """The model whose Hessian has the kernels' mean curvature here.
