@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -37,8 +37,6 @@ class Cluster:
         the rest of the items, to whoever is there within ANSWER_S. `function` must be importable there.
         Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
-        from concurrent.futures import CancelledError
-
         from distributed.comm import CommClosedError
 
         items, done, sends = list(items), 0, SENDS
@@ -85,8 +83,6 @@ def _work(function: Callable[[Shared, Item], Result], package: list[Shared], bat
 @contextmanager
 def _told_in_one_line(address: str) -> Iterator[None]:
     """What dask raises for lost connections and workers, as a MiniloopError; its own log lines are held back."""
-    from concurrent.futures import CancelledError
-
     from distributed import KilledWorker
 
     for name in list(logging.root.manager.loggerDict):

@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 
 DAY_S = 86400.0
 ARTEFACT = re.compile(r"(?:[0-9a-f]{32}){1,2}\.npz")  # 64 digits; 32 of earlier versions
-TEMPORARY = re.compile(r"\.(?:[0-9a-f]{32}){1,2}\.npz\..+\.tmp")  # left behind by a run that was killed while writing
+TEMPORARY = re.compile(rf"\.{ARTEFACT.pattern}\..+\.tmp")  # left behind by a run that was killed while writing
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def write_g2o(
 
 def pose_rows(T: Array) -> list[str]:
     """(n, 4, 4) poses as "x y z qx qy qz qw"."""
-    return _lines(np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])]), 12)
+    return _lines(se3.to_rows(T), 12)
 
 
 def _lines(numbers: Array, digits: int) -> list[str]:
@@ -108,13 +108,8 @@ def read_g2o(path: Path) -> PoseGraph:
     information = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
     return PoseGraph(
         np.array(list(vertices), np.int64),
-        poses(np.array(list(vertices.values()), float).reshape(-1, 7)),
+        se3.from_rows(np.array(list(vertices.values()), float).reshape(-1, 7)),
         np.array(pairs, np.int64).reshape(-1, 2),
-        se3.inverse(poses(data[:, :7])),
+        se3.inverse(se3.from_rows(data[:, :7])),
         information[:, SWAP][:, :, SWAP],
     )
-
-
-def poses(rows: Array) -> Array:
-    """(n, 7) x y z qx qy qz qw, quaternions of any length but 0, to (n, 4, 4) poses."""
-    return se3.pose(se3.rotations(rows[:, 3:]), rows[:, :3])

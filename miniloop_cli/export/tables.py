@@ -80,7 +80,7 @@ def write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> N
     """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
     angles, distances = residuals(run.edges, run.poses.T_world_cam)
     T = np.array([edge.T_j_i for edge in run.edges]).reshape(-1, 4, 4)
-    poses = np.hstack([T[:, :3, 3], se3.quaternions(T[:, :3, :3])])
+    poses = se3.to_rows(T)
     variance = np.array([np.diag(edge.covariance) for edge in run.edges]).reshape(-1, 2, 3)
     sigmas = np.sqrt(np.maximum(variance, 0).sum(axis=2))
 

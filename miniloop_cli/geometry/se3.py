@@ -99,6 +99,16 @@ def rotations(q: Array, w_first: bool = False) -> Array:
     return np.eye(3) + 2 * (q[..., 3, None, None] * V + V @ V)
 
 
+def to_rows(T: Array) -> Array:
+    """(..., 4, 4) poses as rows (..., 7): x y z qx qy qz qw."""
+    return np.concatenate([T[..., :3, 3], quaternions(T[..., :3, :3])], axis=-1)
+
+
+def from_rows(rows: Array) -> Array:
+    """Rows (..., 7) x y z qx qy qz qw, quaternions of any length but 0, to (..., 4, 4) poses."""
+    return pose(rotations(rows[..., 3:]), rows[..., :3])
+
+
 def rotation_angle_deg(R: Array) -> Array:
     """Rotation angle in degrees of (..., 3, 3) rotations; accurate near 0 and near 180."""
     skew = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)

@@ -60,18 +60,15 @@ class Bundle:
 
     def propose(self, damping: float) -> tuple[float, float]:
         model = self._stepping()
-        S, g, cost = self.reduced(model, damping)
+        S, g, cost = self.reduced(self.obs, model, damping)
         S[lost(S, len(g))] = np.eye(6)  # they stay
         return cost, self._move(model, self.system.solve(S, -g), damping)
 
     def accept(self) -> None:
         self.R, self.t, self.X = self._proposal
 
-    def reduced(self, model: Model, damping: float, obs: Observations | None = None) -> tuple[Array, Array, float]:
-        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost; of part of what was seen, if
-        `obs` says so, in the same tracks.
-        """
-        obs = self.obs if obs is None else obs
+    def reduced(self, obs: Observations, model: Model, damping: float) -> tuple[Array, Array, float]:
+        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost, of all or part of `obs`."""
 
         def chunk(low: int, high: int) -> tuple[Array, Array, float]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
@@ -99,13 +96,13 @@ class Bundle:
         tells of.
         """
         model, system, n = self._stepping(), BlockSystem(held, self.pairs), len(held)
-        H = self.reduced(model, _TIE)[0]
+        H = self.reduced(self.obs, model, _TIE)[0]
         unknown = np.zeros(n, bool)
         unknown[lost(H, n)] = True
         H[:n][unknown] = np.eye(6)
         diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
         for number, left in enumerate(left_shares(part)):
-            S, g, _ = self.reduced(model, _TIE, _subset(self.obs, part != number))
+            S, g, _ = self.reduced(_subset(self.obs, part != number), model, _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
             unknown |= gone

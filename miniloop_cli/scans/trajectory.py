@@ -22,7 +22,7 @@ def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
     """Stamps (s) with their (tx, ty, tz, qx, qy, qz, qw), in any order, quaternions of any length but 0."""
     stamps = np.array(sorted(rows), float)
     values = np.array([rows[t] for t in stamps], float).reshape(-1, 7)
-    return Trajectory(stamps, se3.pose(se3.rotations(values[:, 3:]), values[:, :3]))
+    return Trajectory(stamps, se3.from_rows(values))
 
 
 def read_trajectory(path: Path | str) -> Trajectory:
@@ -61,5 +61,5 @@ def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:
     T = trajectory.T_world_cam.reshape(-1, 4, 4)
     with atomic_write(Path(path)) as file:
         file.write(HEADER + "\n")
-        for stamp, t, q in zip(trajectory.timestamps_s, T[:, :3, 3], se3.quaternions(T[:, :3, :3]), strict=True):
-            file.write(f"{stamp:.6f} " + " ".join(f"{v:.9f}" for v in (*t, *q)) + "\n")
+        for stamp, row in zip(trajectory.timestamps_s, se3.to_rows(T), strict=True):
+            file.write(f"{stamp:.6f} " + " ".join(f"{v:.9f}" for v in row) + "\n")
