@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
@@ -10,6 +11,9 @@ Item = TypeVar("Item")
 
 def track(items: Iterable[Item], description: str, total: int | None = None, quiet: bool = False) -> Iterator[Item]:
     """Iterate over `items`, showing how far it is and how long it will take."""
+    if quiet or not sys.stderr.isatty():
+        yield from items
+        return
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -20,10 +24,6 @@ def track(items: Iterable[Item], description: str, total: int | None = None, qui
         TimeRemainingColumn,
     )
 
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield from items
-        return
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as progress:
         yield from progress.track(items, description=description, total=total)
