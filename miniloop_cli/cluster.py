@@ -17,6 +17,7 @@ from miniloop_cli.parallel import single_inner_threads
 Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
 
 ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
+REPLACED_S = 30  # a worker that died is started again by its nanny, or by whoever watches it, within seconds
 CONTINUES = "finished work is kept, the same command continues, also without --cluster"
 SENDS = 4  # of the same package, without a result in between
 BATCH = 32  # items of a task at most: what is done again where a worker dies
@@ -34,7 +35,7 @@ class Cluster:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
         Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
-        the rest of the items, to whoever is there within ANSWER_S. `function` must be importable there.
+        the rest of the items, to whoever is there within REPLACED_S. `function` must be importable there.
         Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
         from distributed.comm import CommClosedError
@@ -51,7 +52,7 @@ class Cluster:
                     if not sends:
                         raise
                     _greet(self.client.scheduler.address)
-                    self.client.wait_for_workers(1, timeout=ANSWER_S)
+                    self.client.wait_for_workers(1, timeout=REPLACED_S)
 
     def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
         from joblib import Parallel, delayed

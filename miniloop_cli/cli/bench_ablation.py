@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import Row, cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {
@@ -52,11 +54,8 @@ def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
     callback=_show_variants,
     help="Show the variants with their settings, and do nothing else.",
 )
-@options.output_dir("results/bench_ablation")
-@options.json_file
-@options.seed
+@outcome("ablation")
 @options.jobs
-@options.quiet
 def bench_ablation(
     sequences: tuple[Path, ...],
     edge_files: tuple[Path, ...],
@@ -80,19 +79,10 @@ def bench_ablation(
     from miniloop_cli.bench.ablation import VARIANTS, ablation_rows, draw
     from miniloop_cli.parallel import Workers
 
-    rows, tables = [], json_path != "-"
-    for row in ablation_rows(sequences, names or tuple(VARIANTS), edge_files, seed, Workers(jobs, quiet)):
-        if tables and (not rows or row["sequence"] != rows[-1]["sequence"]):
-            click.echo(f"\n{row['sequence']}\n{'':<24}" + "".join(f"{head:>9}" for head in COLUMNS.values()))
-        if tables:
-            click.echo(f"{row['variant']:<24}" + "".join(f"{_text(row.get(key)):>9}" for key in COLUMNS))
-        rows.append(row)
-    output = output or Path("results/bench_ablation")
-    options.write_rows(rows, output / "ablation.csv", json_path)
-    draw(rows, output / "ablation.png")
-    if not quiet:
-        click.echo(f"Written: {output}/ablation.csv, {output}/ablation.png", err=True)
+    def line(row: Row) -> str:
+        return f"{row['variant']:<24}" + "".join(f"{cell(row.get(key), '.2f'):>9}" for key in COLUMNS)
 
-
-def _text(value: object) -> str:
-    return "-" if value is None else f"{value:.2f}" if isinstance(value, float) else str(value)
+    found = ablation_rows(sequences, names or tuple(VARIANTS), edge_files, seed, Workers(jobs, quiet))
+    head = " " * 24 + "".join(f"{head:>9}" for head in COLUMNS.values())
+    rows = shown(found, head, line, json_path, by="sequence")
+    write("ablation", rows, partial(draw, rows), output, json_path, quiet)

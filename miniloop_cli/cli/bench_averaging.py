@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import click
 
-from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {
@@ -49,10 +51,7 @@ def _share(ctx: click.Context, parameter: click.Parameter, values: tuple[float, 
 @click.option("--noise-deg", type=click.FloatRange(min=0), default=0.5, show_default=True, help="Along each axis.")
 @click.option("--noise-m", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Along each axis.")
 @click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed.")
-@options.output_dir("results/bench_averaging")
-@options.json_file
-@options.seed
-@options.quiet
+@outcome("averaging")
 def bench_averaging(
     scans: tuple[int, ...],
     edges: int | None,
@@ -77,19 +76,9 @@ def bench_averaging(
     from miniloop_cli.progress import track
 
     graphs = [(k, n, edges or min(5 * n, n * (n - 1) // 2), share) for k in kind for share in outliers for n in scans]
-    rows = []
-    for graph in track(graphs, "View graphs", quiet=quiet):
-        rows += averaging_rows(*graph, noise_deg, noise_m, seed, peers)
-    output = output or Path("results/bench_averaging")
-    options.write_rows(rows, output / "averaging.csv", json_path)
-    draw(rows, output / "averaging.png")
-    if json_path != "-":
-        click.echo("".join(f"{head:>12}" for head in COLUMNS.values()))
-        for row in rows:
-            click.echo("".join(f"{_text(row[key]):>12}" for key in COLUMNS))
-    if not quiet:
-        click.echo(f"Written: {output}/averaging.csv, {output}/averaging.png", err=True)
-
-
-def _text(value: object) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    found = [
+        averaging_rows(*graph, noise_deg, noise_m, seed, peers) for graph in track(graphs, "View graphs", quiet=quiet)
+    ]
+    head = "".join(f"{head:>12}" for head in COLUMNS.values())
+    rows = shown(chain(*found), head, lambda row: "".join(f"{cell(row[key], '.4g'):>12}" for key in COLUMNS), json_path)
+    write("averaging", rows, partial(draw, rows), output, json_path, quiet)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import outcome, write
 from miniloop_cli.cli.main import CONTEXT
 
 
@@ -19,11 +21,8 @@ from miniloop_cli.cli.main import CONTEXT
 )
 @click.option("--seeds", type=click.IntRange(min=1), default=2, show_default=True, help="Recordings of each kind.")
 @click.option("--width", type=click.IntRange(min=160), default=320, show_default=True, help="Width of the images (px).")
-@options.output_dir("results/bench_calibration")
-@options.json_file
+@outcome("calibration")
 @options.jobs
-@options.seed
-@options.quiet
 def bench_calibration(
     frames: tuple[int, ...],
     noise: tuple[float, ...],
@@ -58,8 +57,4 @@ def bench_calibration(
             cells_of = zip(numbers_of, (".0%", ".3f", ".3f"), (9, 10, 10), strict=True)
             text = "".join(f"{'-' if x is None else format(x, form):>{size}}" for x, form, size in cells_of)
             click.echo(f"{row['path']:<13}{row['noise']:>6g}{row['frames']:>7}{row['poses']:>7}{text}")
-    output = output or Path("results/bench_calibration")
-    options.write_rows([cell.row for cell in cells], output / "calibration.csv", json_path)
-    draw(cells, output / "calibration.png")
-    if not quiet:
-        click.echo(f"Written: {output}/calibration.csv, {output}/calibration.png", err=True)
+    write("calibration", [cell.row for cell in cells], partial(draw, cells), output, json_path, quiet)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import Row, cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {"edges_are": "solved in", "verified": "verified", "wrong": "wrong", "scored": "scored"}
@@ -31,11 +33,8 @@ COLUMNS |= {"cpu_s": "CPU s", "cpu_over_pairs": "x pairs"}
 @click.option(
     "--max-frames", type=click.IntRange(min=3), default=100, show_default=True, help="Evenly spaced frames of SEQ."
 )
-@options.output_dir("results/bench_edges")
-@options.json_file
-@options.seed
+@outcome("edges")
 @options.jobs
-@options.quiet
 def bench_edges(
     sequences: tuple[Path, ...],
     lengths: tuple[int, ...],
@@ -57,23 +56,14 @@ def bench_edges(
     from miniloop_cli.bench.edges import draw_edges, edge_rows
     from miniloop_cli.parallel import Workers
 
-    rows, tables = [], json_path != "-"
-    for row in edge_rows(sequences, lengths, max_frames, seed, Workers(jobs, quiet)):
-        if tables and (not rows or row["sequence"] != rows[-1]["sequence"]):
-            click.echo(f"\n{row['sequence']}\n" + "".join(_cell(key, head) for key, head in COLUMNS.items()))
-        if tables:
-            click.echo("".join(_cell(key, _text(row[key])) for key in COLUMNS))
-        rows.append(row)
-    output = output or Path("results/bench_edges")
-    options.write_rows(rows, output / "edges.csv", json_path)
-    draw_edges(rows, output / "edges.png")
-    if not quiet:
-        click.echo(f"Written: {output}/edges.csv, {output}/edges.png", err=True)
+    def line(row: Row) -> str:
+        return "".join(_cell(key, cell(row[key], ".3f")) for key in COLUMNS)
+
+    found = edge_rows(sequences, lengths, max_frames, seed, Workers(jobs, quiet))
+    head = "".join(_cell(key, head) for key, head in COLUMNS.items())
+    rows = shown(found, head, line, json_path, by="sequence")
+    write("edges", rows, partial(draw_edges, rows), output, json_path, quiet)
 
 
 def _cell(key: str, text: str) -> str:
     return f"{text:<17}" if key == "edges_are" else f"{text:>11}"
-
-
-def _text(value: object) -> str:
-    return "-" if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import outcome, write
 from miniloop_cli.cli.main import CONTEXT
 
 
@@ -26,11 +28,8 @@ from miniloop_cli.cli.main import CONTEXT
     show_default=True,
     help="Preset or file that says what is detected and matched (paper: SURF); may be repeated.",
 )
-@options.output_dir("results/bench_minisequences")
-@options.json_file
+@outcome("minisequences")
 @options.jobs
-@options.seed
-@options.quiet
 def bench_minisequences(
     sequences: tuple[Path, ...],
     loops: int,
@@ -60,9 +59,6 @@ def bench_minisequences(
         for config in configs:
             settings = load_settings(config)
             rows += minisequence_rows(folder, settings, config, loops, min_matches, seed, Workers(jobs, quiet))
-    output = output or Path("results/bench_minisequences")
-    options.write_rows(rows, output / "minisequences.csv", json_path)
-    draw(rows, output / "minisequences.png")
     if json_path != "-":
         for k, row in enumerate(rows):
             group = (row["sequence"], row["config"], row["variant"])
@@ -76,8 +72,7 @@ def bench_minisequences(
                 for share, key in zip((0, 0, 1, 1, 1, 1), COLUMNS, strict=True)
             )
             click.echo(f"{row['method']:<11}" + "".join(f"{cell:>14}" for cell in cells))
-    if not quiet:
-        click.echo(f"Written: {output}/minisequences.csv, {output}/minisequences.png", err=True)
+    write("minisequences", rows, partial(draw, rows), output, json_path, quiet)
 
 
 def _text(value: float | None, paper: float | None, share: bool) -> str:

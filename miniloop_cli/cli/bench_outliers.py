@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import outcome, write
 from miniloop_cli.cli.main import CONTEXT
 
 SIMULATED = {"simulated-loop": "loop", "simulated-walk": "random-walk"}
@@ -27,11 +29,8 @@ SIMULATED = {"simulated-loop": "loop", "simulated-walk": "random-walk"}
 )
 @click.option("--runs", type=click.IntRange(min=1), default=10, show_default=True, help="Graphs a kind and percentage.")
 @click.option("--peers", is_flag=True, help="Also gtsam and pycolmap, where installed.")
-@options.output_dir("results/bench_outliers")
-@options.json_file
+@outcome("outliers")
 @options.jobs
-@options.seed
-@options.quiet
 def bench_outliers(
     sequences: tuple[Path, ...],
     simulated: bool,
@@ -72,11 +71,7 @@ def bench_outliers(
                 if json_path != "-":
                     click.echo(_line(row))
                 rows.append(row)
-    output = output or Path("results/bench_outliers")
-    options.write_rows(rows, output / "outliers.csv", json_path)
-    draw(rows, output / "outliers.png")
-    if not quiet:
-        click.echo(f"Written: {output}/outliers.csv, {output}/outliers.png", err=True)
+    write("outliers", rows, partial(draw, rows), output, json_path, quiet)
 
 
 def _line(row: dict) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import Row, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {"candidates": "candidates", "verified": "verified", "kept": "kept", "matching_cpu_s": "matching CPU s"}
@@ -19,11 +21,8 @@ COLUMNS |= {"matching_share": "share", "registered": "registered", "ate_cm": "AT
     "--max-frames", type=click.IntRange(min=3), default=100, show_default=True, help="Evenly spaced frames of SEQ."
 )
 @options.overrides
-@options.output_dir("results/bench_recall")
-@options.json_file
-@options.seed
+@outcome("recall")
 @options.jobs
-@options.quiet
 def bench_recall(
     sequences: tuple[Path, ...],
     max_frames: int,
@@ -44,15 +43,9 @@ def bench_recall(
     from miniloop_cli.bench.recall import draw_recall, recall_rows
     from miniloop_cli.parallel import Workers
 
-    rows, tables = [], json_path != "-"
-    for row in recall_rows(sequences, max_frames, overrides, seed, Workers(jobs, quiet)):
-        if tables and (not rows or row["sequence"] != rows[-1]["sequence"]):
-            click.echo(f"\n{row['sequence']}\n" + "".join(f"{head:>15}" for head in COLUMNS.values()))
-        if tables:
-            click.echo("".join(f"{'-' if row[key] is None else row[key]:>15}" for key in COLUMNS))
-        rows.append(row)
-    output = output or Path("results/bench_recall")
-    options.write_rows(rows, output / "recall.csv", json_path)
-    draw_recall(rows, output / "recall.png")
-    if not quiet:
-        click.echo(f"Written: {output}/recall.csv, {output}/recall.png", err=True)
+    def line(row: Row) -> str:
+        return "".join(f"{'-' if row[key] is None else row[key]:>15}" for key in COLUMNS)
+
+    found = recall_rows(sequences, max_frames, overrides, seed, Workers(jobs, quiet))
+    rows = shown(found, "".join(f"{head:>15}" for head in COLUMNS.values()), line, json_path, by="sequence")
+    write("recall", rows, partial(draw_recall, rows), output, json_path, quiet)

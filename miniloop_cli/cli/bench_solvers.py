@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import click
 
-from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {
@@ -26,10 +28,7 @@ COLUMNS = {
 
 @click.command(name="solvers", context_settings=CONTEXT, short_help="Solutions, truth found and time of the solvers.")
 @click.option("--problems", type=click.IntRange(min=1), default=100_000, show_default=True, help="Problems a solver.")
-@options.output_dir("results/bench_solvers")
-@options.json_file
-@options.seed
-@options.quiet
+@outcome("solvers")
 def bench_solvers(problems: int, output: Path | None, json_path: str | None, seed: int, quiet: bool) -> None:
     """Minimal solvers on exact random cycles: number of solutions, truth found, time a call.
 
@@ -41,19 +40,9 @@ def bench_solvers(problems: int, output: Path | None, json_path: str | None, see
     from miniloop_cli.bench.solvers import SOLVERS, draw_histograms, solver_rows
     from miniloop_cli.progress import track
 
-    rows = []
-    for name in track(list(SOLVERS), "Solvers", quiet=quiet):
-        rows += solver_rows(problems, seed, [name])
-    output = output or Path("results/bench_solvers")
-    options.write_rows(rows, output / "solvers.csv", json_path)
-    draw_histograms(rows, output / "solvers.png")
-    if json_path != "-":
-        click.echo(" ".join(f"{head:>13}" for head in COLUMNS.values()))
-        for row in rows:
-            click.echo(" ".join(f"{_text(row[key]):>13}" for key in COLUMNS))
-    if not quiet:
-        click.echo(f"Written: {output}/solvers.csv, {output}/solvers.png", err=True)
-
-
-def _text(value: object) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    found = [solver_rows(problems, seed, [name]) for name in track(list(SOLVERS), "Solvers", quiet=quiet)]
+    head = " ".join(f"{head:>13}" for head in COLUMNS.values())
+    rows = shown(
+        chain(*found), head, lambda row: " ".join(f"{cell(row[key], '.4g'):>13}" for key in COLUMNS), json_path
+    )
+    write("solvers", rows, partial(draw_histograms, rows), output, json_path, quiet)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import outcome, write
 from miniloop_cli.cli.main import CONTEXT
 
 
@@ -20,11 +22,8 @@ from miniloop_cli.cli.main import CONTEXT
     show_default=True,
     help="Preset or file that says what is detected and matched for the graph (paper: SURF).",
 )
-@options.output_dir("results/bench_tables")
-@options.json_file
+@outcome("tables")
 @options.jobs
-@options.seed
-@options.quiet
 def bench_tables(
     sequences: tuple[Path, ...],
     config: str,
@@ -52,11 +51,7 @@ def bench_tables(
         if json_path != "-":
             _print(found)
         rows += found
-    output = output or Path("results/bench_tables")
-    options.write_rows(rows, output / "tables.csv", json_path)
-    draw(rows, output / "tables.png")
-    if not quiet:
-        click.echo(f"Written: {output}/tables.csv, {output}/tables.png", err=True)
+    write("tables", rows, partial(draw, rows), output, json_path, quiet)
 
 
 def _print(rows: Sequence[dict[str, Any]]) -> None:

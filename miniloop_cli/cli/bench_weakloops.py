@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
+from miniloop_cli.cli.benchmark import Row, cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 COLUMNS = {
@@ -31,11 +33,8 @@ COLUMNS = {
 @click.option(
     "--max-frames", type=click.IntRange(min=3), default=100, show_default=True, help="Evenly spaced frames of SEQ."
 )
-@options.output_dir("results/bench_weakloops")
-@options.json_file
-@options.seed
+@outcome("weakloops")
 @options.jobs
-@options.quiet
 def bench_weakloops(
     sequences: tuple[Path, ...],
     most: int,
@@ -60,19 +59,9 @@ def bench_weakloops(
     from miniloop_cli.bench.weakloops import draw_weak_loops, weak_loop_rows
     from miniloop_cli.parallel import Workers
 
-    rows, tables = [], json_path != "-"
-    for row in weak_loop_rows(sequences, most, hypotheses, max_frames, seed, Workers(jobs, quiet)):
-        if tables and (not rows or row["sequence"] != rows[-1]["sequence"]):
-            click.echo(f"\n{row['sequence']}\n" + "".join(f"{head:>10}" for head in COLUMNS.values()))
-        if tables:
-            click.echo("".join(f"{_text(row[key]):>10}" for key in COLUMNS))
-        rows.append(row)
-    output = output or Path("results/bench_weakloops")
-    options.write_rows(rows, output / "weakloops.csv", json_path)
-    draw_weak_loops(rows, output / "weakloops.png")
-    if not quiet:
-        click.echo(f"Written: {output}/weakloops.csv, {output}/weakloops.png", err=True)
+    def line(row: Row) -> str:
+        return "".join(f"{cell(row[key], '.3g'):>10}" for key in COLUMNS)
 
-
-def _text(value: object) -> str:
-    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+    found = weak_loop_rows(sequences, most, hypotheses, max_frames, seed, Workers(jobs, quiet))
+    rows = shown(found, "".join(f"{head:>10}" for head in COLUMNS.values()), line, json_path, by="sequence")
+    write("weakloops", rows, partial(draw_weak_loops, rows), output, json_path, quiet)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -99,17 +98,6 @@ def write_json(path: str, data: Any) -> None:
         return
     with atomic_write(Path(path)) as file:
         file.write(text)
-
-
-def write_rows(rows: Sequence[dict[str, Any]], csv_path: Path | None = None, json_path: str | None = None) -> None:
-    """Rows of a benchmark as CSV (union of the keys, in order of appearance) and as {"rows": [...]} JSON."""
-    if csv_path:
-        with atomic_write(csv_path) as file:
-            writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    if json_path:
-        write_json(json_path, {"rows": list(rows)})
 
 
 def wrapped(text: str, indent: str = "  ", width: int = 80) -> str:

@@ -169,8 +169,9 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     assert asked == ["tcp://here:1"] * min(losses, 3)
 
 
-def test_work_waits_for_the_next_worker_where_all_die(dask, tmp_path):
+def test_work_waits_for_the_next_worker_where_all_die(monkeypatch, dask, tmp_path):
     """What is done is not done again."""
+    monkeypatch.setattr(cluster_module, "REPLACED_S", 300)  # a machine at work takes long to start one
     with connected(dask.address) as cluster:
         work = Workers(cluster=cluster).spread(cluster_work.leave_a_trace, tmp_path, range(60), "squaring", 60)
         begun = [next(work) for _ in range(8)]
