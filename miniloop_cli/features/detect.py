@@ -13,6 +13,9 @@ BINARY = frozenset({"orb", "akaze", "brisk"})
 # OpenCV's SIFT doubles the image first and puts every feature so much too far right and down. Its own cure,
 # enable_precise_upscale, finds fewer features.
 SIFT_SHIFT_PX = 0.25
+# Of OpenCV's `size` the share that is the radius of what was found: two sigma of SIFT's Gaussian; the circle of a FAST
+# or AGAST corner, where ORB and BRISK state the patch that is described; else half.
+RADIUS = {"sift": 1.0, "rootsift": 1.0, "orb": 3.5 / 31, "brisk": 3.5 / 12}
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,7 @@ def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.0
         keypoints, descriptors = _opencv_detector(kind, count, contrast).detectAndCompute(gray, None)
         px = np.array([k.pt for k in keypoints], float).reshape(-1, 2)
         px -= SIFT_SHIFT_PX if "sift" in kind else 0.0
-        # SIFT's size is two sigma of its Gaussian, the others' is the diameter of what they looked at.
-        radius = np.array([k.size for k in keypoints], np.float32) * (1.0 if "sift" in kind else 0.5)
+        radius = np.array([k.size for k in keypoints], np.float32) * np.float32(RADIUS.get(kind, 0.5))
         response = np.array([k.response for k in keypoints], np.float32)
     if descriptors is None or not len(px):
         return _empty(kind)

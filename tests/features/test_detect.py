@@ -34,6 +34,12 @@ def test_features_are_found_again_in_a_shifted_image(picture, kind):
     assert good.mean() > 0.9
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_feature_is_not_taken_for_the_patch_that_describes_it(picture, kind):
+    """All lay on an outline otherwise: ORB's patches reach 15 pixels, its corners 3."""
+    assert 1.5 < np.median(detect(picture, kind, 300).radius_px) < 8
+
+
 @pytest.mark.parametrize("kind", ["sift", "rootsift"])
 def test_sift_lies_where_the_blob_is(kind):
     y, x = np.mgrid[:120, :160]
