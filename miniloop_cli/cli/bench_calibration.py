@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import click
 
 from miniloop_cli.cli import options
-from miniloop_cli.cli.benchmark import outcome, write
+from miniloop_cli.cli.benchmark import Row, cell, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 
@@ -46,15 +47,17 @@ def bench_calibration(
     from miniloop_cli.parallel import Workers
 
     cells = []
-    if json_path != "-":
-        click.echo(f"{'path':<13}{'noise':>6}{'frames':>7}{'poses':>7}{'2 sigma':>9}{'error cm':>10}{'promised':>10}")
-    numbers = range(seed, seed + seeds)
-    for cell in calibration_cells(PATHS, noise, frames, numbers, width, Workers(jobs, quiet)):
-        cells.append(cell)
-        row = cell.row
-        if json_path != "-":
-            numbers_of = (row["within_2_sigma"], row["error_cm_rms"], row["promised_cm_rms"])
-            cells_of = zip(numbers_of, (".0%", ".3f", ".3f"), (9, 10, 10), strict=True)
-            text = "".join(f"{'-' if x is None else format(x, form):>{size}}" for x, form, size in cells_of)
-            click.echo(f"{row['path']:<13}{row['noise']:>6g}{row['frames']:>7}{row['poses']:>7}{text}")
-    write("calibration", [cell.row for cell in cells], partial(draw, cells), output, json_path, quiet)
+
+    def rows() -> Iterator[Row]:
+        for found in calibration_cells(PATHS, noise, frames, range(seed, seed + seeds), width, Workers(jobs, quiet)):
+            cells.append(found)
+            yield found.row
+
+    def line(row: Row) -> str:
+        share, error, promised = row["within_2_sigma"], row["error_cm_rms"], row["promised_cm_rms"]
+        text = f"{row['path']:<13}{row['noise']:>6g}{row['frames']:>7}{row['poses']:>7}"
+        return f"{text}{cell(share, '.0%'):>9}{cell(error, '.3f'):>10}{cell(promised, '.3f'):>10}"
+
+    head = f"{'path':<13}{'noise':>6}{'frames':>7}{'poses':>7}{'2 sigma':>9}{'error cm':>10}{'promised':>10}"
+    found = shown(rows(), head, line, json_path)
+    write("calibration", found, partial(draw, cells), output, json_path, quiet)

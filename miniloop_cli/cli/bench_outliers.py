@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from miniloop_cli.cli import options
-from miniloop_cli.cli.benchmark import outcome, write
+from miniloop_cli.cli.benchmark import Row, outcome, shown, write
 from miniloop_cli.cli.main import CONTEXT
 
 SIMULATED = {"simulated-loop": "loop", "simulated-walk": "random-walk"}
@@ -65,16 +65,12 @@ def bench_outliers(
             folders.append(simulate(Path(root) / name, seed=seed, frames=max_frames, width=320, height=240, path=path))
         for folder in folders:
             graph = true_graph(folder, max_frames, seed, workers)
-            if json_path != "-":
-                click.echo(f"\n{graph.name}: {len(graph.scans)} scans, {len(graph.edges)} true edges")
-            for row in outlier_rows(graph, shares, runs, seed, peers):
-                if json_path != "-":
-                    click.echo(_line(row))
-                rows.append(row)
+            head = f"\n{graph.name}: {len(graph.scans)} scans, {len(graph.edges)} true edges"
+            rows += shown(outlier_rows(graph, shares, runs, seed, peers), head, _line, json_path)
     write("outliers", rows, partial(draw, rows), output, json_path, quiet)
 
 
-def _line(row: dict) -> str:
+def _line(row: Row) -> str:
     text = f"{row['kind']:<11}{100 * row['false_share']:>4.0f} % false  {row['method']:<22}"
     for key, name in (("within_share", "poses"), ("rot_within_share", "rotations")):
         text += f"{name} within {'-' if row[key] is None else format(row[key], '.0%'):>5}  "

@@ -13,13 +13,14 @@ from miniloop_cli.cli import options
 from miniloop_cli.files import atomic_write
 
 Row = dict[str, Any]
+FOLDER = "results/bench_{}"
 
 
 def outcome(name: str) -> Callable:
     """-o, --json, --seed and -q of the benchmark `name`."""
 
     def decorated(command: Callable) -> Callable:
-        for option in (options.quiet, options.seed, options.json_file, options.output_dir(f"results/bench_{name}")):
+        for option in (options.quiet, options.seed, options.json_file, options.output_dir(FOLDER.format(name))):
             command = option(command)
         return command
 
@@ -41,10 +42,8 @@ def shown(
     found: list[Row] = []
     for row in rows:
         if json_path != "-":
-            if by and (not found or row[by] != found[-1][by]):
-                click.echo(f"\n{row[by]}")
             if not found or (by and row[by] != found[-1][by]):
-                click.echo(head)
+                click.echo(f"\n{row[by]}\n{head}" if by else head)
             click.echo(line(row))
         found.append(row)
     return found
@@ -59,7 +58,7 @@ def write(
     quiet: bool,
 ) -> None:
     """NAME.csv (union of the keys, in order of appearance), {"rows": [...]} as JSON where it is asked for, NAME.png."""
-    table, picture = ((output or Path(f"results/bench_{name}")) / f"{name}.{ending}" for ending in ("csv", "png"))
+    table, picture = ((output or Path(FOLDER.format(name))) / f"{name}.{ending}" for ending in ("csv", "png"))
     with atomic_write(table) as file:
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
         writer.writeheader()

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the one way rows are written out."""
+"""Options that several commands share, and how they write JSON and long lines."""
 
 from __future__ import annotations
 
