@@ -1,32 +1,47 @@
-"""Where compiled kernels are kept: numba finds a place by itself, except where nothing it thinks of can be written."""
+"""Where compiled kernels are kept: in a folder of their own for each state of the sources.
+
+numba looks whether the file of a kernel has changed, not the files of what is inlined into it: after an upgrade, a
+kernel would go on with the old code of its helpers.
+"""
 
 from __future__ import annotations
 
+import atexit
+import hashlib
 import os
+import shutil
+import tempfile
 from pathlib import Path
+
+PACKAGE = Path(__file__).parent
 
 
 def keep_compiled() -> None:
-    """Name a folder for numba where it would refuse to load: a read-only installation run by a user without a home.
+    """Name the folder for numba, where the user has not; called before numba is imported.
 
-    `$MINILOOP_CACHE/kernels`, else a private temporary folder that lasts as long as this process: numba unpickles
-    what lies there, so nobody else may write to it. Called before numba is imported.
+    Beside the sources, else in the user's cache or `$MINILOOP_CACHE`, else, for a read-only installation that is run by
+    a user without a home, a private one that lasts as long as this process: numba unpickles what lies there, so nobody
+    else may write to it.
     """
-    package = Path(__file__).parent
-    beside = package / "__pycache__"
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return
+    beside, own = PACKAGE / "__pycache__", os.environ.get("MINILOOP_CACHE")
     home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111 (may be unknown)
-    if os.environ.get("NUMBA_CACHE_DIR") or any(map(writable, (beside if beside.exists() else package, home))):
-        return
-    own = os.environ.get("MINILOOP_CACHE")
-    if own and writable(Path(own)):
-        os.environ["NUMBA_CACHE_DIR"] = str(Path(own) / "kernels")
-        return
-    import atexit
-    import shutil
-    import tempfile
+    places = [beside, home / "miniloop", *([Path(own)] if own else [])]
+    place = next(filter(writable, places), None)
+    if place is None:
+        place = Path(tempfile.mkdtemp(prefix="miniloop-"))
+        atexit.register(shutil.rmtree, place, ignore_errors=True)
+    folder = place / "kernels" / sources_hash(PACKAGE)
+    if place == beside and not folder.exists():  # there are no other sources that these could belong to
+        shutil.rmtree(folder.parent, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
-    os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="miniloop-kernels-")
-    atexit.register(shutil.rmtree, os.environ["NUMBA_CACHE_DIR"], ignore_errors=True)
+
+def sources_hash(package: Path) -> str:
+    """Hash of the sources that are compiled."""
+    sources = (path.read_bytes() for path in sorted(package.rglob("*.py")))
+    return hashlib.sha256(b"".join(source for source in sources if b"numba" in source)).hexdigest()[:16]
 
 
 def writable(folder: Path) -> bool:

@@ -95,15 +95,26 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
     for i in range(rows.shape[0]):
         number, best = np.uint32(i), lane[i]
         for block in range(whole):
-            at = np.uint32(block)
+            at = np.uint32(block * LANES)
             for k in range(LANES):
                 differing = np.uint32(_differing(rows[i], blocks[block], k) << shift)
                 column[block, k] = min(column[block, k], np.uint32(differing | number))
-                best[k] = min(best[k], np.uint32(differing | at))
+                best[k] = min(best[k], np.uint32(differing | np.uint32(at + np.uint32(k))))
         for k in range(m - whole * LANES):
             differing = np.uint32(_differing(rows[i], blocks[whole], k) << shift)
             column[whole, k] = min(column[whole, k], np.uint32(differing | number))
-            best[k] = min(best[k], np.uint32(differing | np.uint32(whole)))
+            best[k] = min(best[k], np.uint32(differing | np.uint32(whole * LANES + k)))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _least(keys: Bits) -> np.uint32:
+    """The least of the keys (LANES,), which is taken from them."""
+    least = np.uint32(0xFFFFFFFF)
+    for k in range(LANES):
+        least = min(least, keys[k])
+    for k in range(LANES):
+        keys[k] = np.uint32(0xFFFFFFFF) if keys[k] == least else keys[k]
+    return least
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -127,11 +138,10 @@ def _match(a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits,
     for i in range(n):
         nearest, best, second = -1, np.int32(2**31 - 1), np.int32(2**31 - 1)
         for _ in range(CANDIDATES):
-            k = np.argmin(lane[i])
-            if lane[i, k] == none:
+            key = _least(lane[i])
+            if key == none:
                 break
-            j = np.int64(lane[i, k] & np.uint32(0xFFFF)) * LANES + k
-            lane[i, k] = none
+            j = np.int64(key & np.uint32(0xFFFF))
             d2 = _distance2(a[i], b[j])
             if d2 < best:
                 nearest, best, second = j, d2, best

@@ -110,7 +110,7 @@ def bundle_adjust(
     anchor = anchor_of(len(T), problem.pairs, fixed_frame)
     covariance = None
     if settings.covariance:
-        covariance = problem.covariance(anchor == np.arange(len(T)), image_part(obs.px, camera))
+        covariance = problem.covariance(anchor, image_part(obs.px, camera))
         covariance = with_untied(covariance, anchor, fixed_frame)
 
     refined = pose(problem.R, problem.t + origin)

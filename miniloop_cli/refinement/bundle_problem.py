@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.averaging.graph import components
 from miniloop_cli.geometry.se3 import exp_so3
 from miniloop_cli.refinement.block_system import BlockSystem
 from miniloop_cli.refinement.parts import left_shares
@@ -88,13 +89,14 @@ class Bundle:
         evaluate_tracks(self.obs, self.model, self.R, self.t, self.X, residual, weight)
         return residual, weight
 
-    def covariance(self, held: NDArray[np.bool_], part: Ints) -> Array:
-        """(n, 6, 6) marginal covariances of the poses at a minimum, given the held ones; part (k,): see parts.py.
+    def covariance(self, anchor: Ints, part: Ints) -> Array:
+        """(n, 6, 6) marginal covariances of the poses at a minimum, given the anchors of their groups (n,).
 
-        Variances are those of the grouped jackknife, by one Newton step without each part. Correlations are those of
-        the inverse Hessian, as the parts are too few to tell them. Infinite for poses that nothing, or a single part,
-        tells of.
+        Variances are those of the grouped jackknife, by one Newton step without each part (k,): see parts.py.
+        Correlations are those of the inverse Hessian, as the parts are too few to tell them. Infinite for poses that
+        nothing, or a single part, tells of or ties to their anchor.
         """
+        held = anchor == np.arange(len(anchor))
         model, system, n = self._stepping(), BlockSystem(held, self.pairs), len(held)
         H = self.reduced(self.obs, model, _TIE)[0]
         unknown = np.zeros(n, bool)
@@ -105,7 +107,8 @@ class Bundle:
             S, g, _ = self.reduced(_subset(self.obs, part != number), model, _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
-            unknown |= gone
+            group = components(n, self.pairs[S[n:].any(axis=(1, 2))])
+            unknown |= gone | (group != group[anchor])
             variance += left * system.solve(S, -g) ** 2
         inverse = system.marginals(H)
         size = np.sqrt(variance / np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse)))

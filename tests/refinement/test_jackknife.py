@@ -71,3 +71,15 @@ def test_a_frame_whose_partners_see_all_in_one_part_of_the_image_is_not_known():
     found = bundle_adjust(S.T, *(a[kept] for a in S.observations), CAMERA, PLAIN)
     assert np.isinf(np.diag(found.covariance[3])).all()
     assert np.isfinite(np.delete(found.covariance, 3, axis=0)).all()
+
+
+def test_frames_that_one_part_of_the_image_ties_to_the_others_are_not_known():
+    """They know of each other, but what ties them to the rest is seen in the middle only."""
+    rng = np.random.default_rng(25)
+    S = scene(rng, 8, 600, sigma_px=0.5, depth_sigmas=1)
+    middle, late = image_part(S.px, CAMERA) == 4, S.frame >= 5
+    of_late = S.track % 2 == 0  # frames 5 to 7 see these; of the others, frame 2 does, in the middle
+    kept = np.where(late, of_late, ~of_late | ((S.frame == 2) & middle))
+    found = bundle_adjust(S.T, *(a[kept] for a in S.observations), CAMERA, PLAIN)
+    assert np.isinf(np.einsum("nii->ni", found.covariance[5:])).all()
+    assert np.isfinite(found.covariance[:5]).all()

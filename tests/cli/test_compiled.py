@@ -1,0 +1,68 @@
+"""Compiled kernels are those of the sources that are there."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import ROOT
+
+ADD = "from numba import njit\n\n\n@njit(cache=True)\ndef add(a, b):\n    return a {} b\n"
+CALL = """from numba import njit
+
+from miniloop_cli.add import add
+
+
+@njit(cache=True)
+def call():
+    return add(5, 2)
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A package with one kernel that calls another one, of another file."""
+    folder = tmp_path / "miniloop_cli"
+    folder.mkdir()
+    shutil.copy(ROOT / "miniloop_cli" / "compiled.py", folder)
+    (folder / "__init__.py").write_text("from miniloop_cli.compiled import keep_compiled\n\nkeep_compiled()\n")
+    (folder / "add.py").write_text(ADD.format("+"))
+    (folder / "call.py").write_text(CALL)
+    return folder
+
+
+def called(package, **variables):
+    """What the kernel returns, and the folders of compiled kernels after it."""
+    env = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"} | variables
+    code = "import os; from miniloop_cli.call import call; print(call(), os.environ['NUMBA_CACHE_DIR'])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=package.parent, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    value, folder = done.stdout.split(maxsplit=1)
+    return int(value), Path(folder.strip())
+
+
+def test_a_kernel_never_goes_on_with_an_old_helper(package):
+    """numba looks at the kernel's own file only."""
+    value, first = called(package)
+    assert value == 7
+    assert called(package) == (7, first)
+    (package / "add.py").write_text(ADD.format("-"))
+    value, second = called(package)
+    assert value == 3
+    assert second != first
+    assert list(first.parent.iterdir()) == [second], "the old ones are gone"
+
+
+def test_other_sources_compile_nothing_again(package):
+    _, first = called(package)
+    (package / "words.py").write_text("WORDS = 'of a message'\n")
+    assert called(package) == (7, first)
+
+
+def test_the_users_folder_is_taken(package, tmp_path):
+    assert called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine")) == (7, tmp_path / "mine")
+    assert list((tmp_path / "mine").rglob("*.nbc"))
