@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Settings
 from miniloop_cli.features.detect import compact
 from miniloop_cli.features.lift import ScanFeatures
+from miniloop_cli.features.sketch import squared_distance
 from miniloop_cli.geometry import se3
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans.camera import Camera
@@ -148,10 +149,7 @@ def search_windows(
                     continue
                 if abs(z_b[b] - depth) > tolerance_m:
                     continue
-                distance = np.int32(0)
-                for d in range(descriptors_a.shape[1]):
-                    difference = np.int32(descriptors_a[k, d]) - np.int32(descriptors_b[b, d])
-                    distance += difference * difference
+                distance = squared_distance(descriptors_a[k], descriptors_b[b])
                 if distance < best:
                     best, which = distance, b
         found[k] = which

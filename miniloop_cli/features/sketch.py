@@ -118,11 +118,12 @@ def _least(keys: Bits) -> np.uint32:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _distance2(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
+def squared_distance(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
+    """Of two compact descriptors (d,); for compiled code."""
     total = np.int32(0)
     for d in range(a.shape[0]):
-        difference = np.int32(a[d]) - np.int32(b[d])
-        total += difference * difference
+        difference = np.int16(np.int16(a[d]) - np.int16(b[d]))  # every cast: numba would widen to 64 bits
+        total = np.int32(total + np.int32(np.int32(difference) * np.int32(difference)))
     return total
 
 
@@ -142,14 +143,14 @@ def _match(a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits,
             if key == none:
                 break
             j = np.int64(key & np.uint32(0xFFFF))
-            d2 = _distance2(a[i], b[j])
+            d2 = squared_distance(a[i], b[j])
             if d2 < best:
                 nearest, best, second = j, d2, best
             else:
                 second = min(second, d2)
         if best < ratio2 * second:
             rival = np.int64(column[nearest // LANES, nearest % LANES] & np.uint32(0xFFFF))
-            if rival != i and _distance2(a[rival], b[nearest]) < best:
+            if rival != i and squared_distance(a[rival], b[nearest]) < best:
                 continue
             match[i], distance2[i] = nearest, best
             if best < taken[nearest]:
