@@ -11,9 +11,12 @@ import hashlib
 import os
 import shutil
 import tempfile
+import time
+from contextlib import suppress
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
+DAY_S = 86400.0
 
 
 def keep_compiled() -> None:
@@ -33,9 +36,17 @@ def keep_compiled() -> None:
         place = Path(tempfile.mkdtemp(prefix="miniloop-"))
         atexit.register(shutil.rmtree, place, ignore_errors=True)
     folder = place / "kernels" / sources_hash(PACKAGE)
-    if place == beside and not folder.exists():  # there are no other sources that these could belong to
-        shutil.rmtree(folder.parent, ignore_errors=True)
+    if place == beside and not folder.exists():
+        _forget_old(folder.parent)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def _forget_old(folder: Path) -> None:
+    """Remove what belongs to earlier sources; a process that began with them may still be at work for a day."""
+    with suppress(OSError):  # another process may do the same
+        for old in folder.iterdir():
+            if time.time() - old.stat().st_mtime > DAY_S:
+                shutil.rmtree(old, ignore_errors=True)
 
 
 def sources_hash(package: Path) -> str:
