@@ -59,6 +59,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     metavar="DIR",
     help="Write trajectory.png and errors.png into DIR.",
 )
+@options.quiet
 def evaluate(
     result: Path | None,
     gt: Path,
@@ -69,6 +70,7 @@ def evaluate(
     scale: bool,
     json_path: str | None,
     plot: Path | None,
+    quiet: bool,
 ) -> None:
     """Absolute and relative errors of RESULT (a results folder or a TUM trajectory; default: the newest result).
 
@@ -90,7 +92,8 @@ def evaluate(
         from miniloop_cli.evaluation.plots import write_plots
 
         for path in write_plots(evaluation, plot):
-            click.echo(f"wrote {path}", err=True)
+            if not quiet:
+                click.echo(f"wrote {path}", err=True)
 
 
 def table(numbers: dict[str, Any], source: str, association: str) -> str:

@@ -56,6 +56,7 @@ camera = click.option(
 @recording
 @options.layout
 @camera
+@options.quiet
 def export(
     result: Path | None,
     formats: tuple[str, ...],
@@ -63,6 +64,7 @@ def export(
     sequence: Path | None,
     layout: str | None,
     camera: Path | None,
+    quiet: bool,
 ) -> None:
     """Write the result in DIR (default: the newest) in the format of another tool.
 
@@ -77,7 +79,8 @@ def export(
         write = getattr(importlib.import_module(f"miniloop_cli.export.{module}"), function)
         target = output / name if output and len(formats) > 1 else output or model.results.root / name
         for path in write(model, target):
-            click.echo(path)
+            if not quiet:
+                click.echo(path)
 
 
 def open_model(result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None) -> Model:

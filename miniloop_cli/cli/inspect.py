@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 @click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
 @options.json_file
 @options.seed
-def inspect(sequence: Path, camera: Path | None, layout: str | None, json_path: str | None, seed: int) -> None:
+@options.quiet
+def inspect(
+    sequence: Path, camera: Path | None, layout: str | None, json_path: str | None, seed: int, quiet: bool
+) -> None:
     """Look at a recording before any run: what was found, what looks wrong, and what to do about it.
 
     Checks stamps, images, depth range, blur, exposure and features, and from a sample of frames whether the camera,
@@ -40,14 +43,17 @@ def inspect(sequence: Path, camera: Path | None, layout: str | None, json_path: 
     result = run(open_sequence(sequence, layout, camera), np.random.default_rng(seed))
     if json_path:
         options.write_json(json_path, result.as_json())
-    if json_path != "-":
+    wrong = [finding for finding in result.findings if finding.level != "note"]
+    if json_path == "-":
+        return
+    if not quiet:
         for name, text in describe(result.numbers):
             click.echo(f"{name:<13} {text}")
         click.echo("")
-        for finding in result.findings:
-            _print(finding)
-        if not any(finding.level != "note" for finding in result.findings):
-            click.echo("Nothing looks wrong.")
+    for finding in wrong if quiet else result.findings:
+        _print(finding)
+    if not wrong and not quiet:
+        click.echo("Nothing looks wrong.")
 
 
 def _print(finding: Finding) -> None:

@@ -71,6 +71,16 @@ def test_own_edge_list_and_files(run_folder, tmp_path):
         assert (tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG")
 
 
+def test_quiet_leaves_the_table(run_folder, tmp_path):
+    result, sequence = run_folder
+    arguments = ["eval", str(result), "--gt", str(sequence), "--plot", str(tmp_path / "plots")]
+    loud, quiet = (CliRunner().invoke(cli, [*arguments, *more], catch_exceptions=False) for more in ([], ["-q"]))
+    assert "wrote" in loud.stderr
+    assert quiet.stderr == ""
+    assert quiet.stdout == loud.stdout
+    assert (tmp_path / "plots" / "errors.png").exists()
+
+
 def test_nothing_heavy_is_imported(run_folder):
     result, sequence = run_folder
     code = (

@@ -161,6 +161,7 @@ def test_command(run, name):
     assert paths
     for path in paths:
         assert path.startswith(str(run.results / name))
+    assert CliRunner().invoke(export, [*arguments, "-q"], catch_exceptions=False).output == ""
 
 
 @pytest.mark.parametrize("name", ["colmap", "nerfstudio"])

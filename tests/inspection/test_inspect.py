@@ -144,6 +144,9 @@ def test_command_prints_and_writes_json(folder, tmp_path):
     data = json.loads((tmp_path / "out.json").read_text())
     assert [entry["frame"] for entry in data["broken"]] == [3, 5]
     assert data["findings"][0]["code"] == "broken-frames" and data["findings"][0]["advice"]
+    quiet = CliRunner().invoke(command, [str(broken), "-q"]).stdout
+    assert quiet.startswith("WARNING (broken-frames)")
+    assert "camera.yaml" not in quiet
 
 
 def test_json_on_stdout_is_alone(tmp_path):
