@@ -18,7 +18,7 @@ from miniloop_cli.scans.camera import Camera
 
 Floats = NDArray[np.float64]
 PARTNERS = 5  # scans that each scan of a result is compared with
-MIN_EVIDENCE = 100  # cells; fewer say nothing
+BEFOREHAND = 10  # cells that are taken to look alike before any is seen: without cells nothing is said
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,5 @@ class Witness:
 
 
 def share(said: NDArray[np.int64]) -> Floats:
-    """(..., 2) cells for and against to the share (...) that is for; 1 where there is too little evidence."""
-    total = said.sum(axis=-1)
-    return np.where(total < MIN_EVIDENCE, 1.0, said[..., 0] / np.maximum(total, 1))
+    """(..., 2) cells for and against to the share (...) that is for, BEFOREHAND among them; 1 where there are none."""
+    return (said[..., 0] + BEFOREHAND) / (said.sum(axis=-1) + BEFOREHAND)
