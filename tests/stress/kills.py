@@ -215,6 +215,7 @@ def campaign(folder: Path, kills: int, seed: int, names: tuple[str, ...] = tuple
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # not ignored by what is started, even in the background
     kills, seed = (int(value) for value in (*sys.argv[1:], *("240", "0")[len(sys.argv) - 1 :]))
     with tempfile.TemporaryDirectory() as folder:
         tally = campaign(Path(folder), kills, seed)
