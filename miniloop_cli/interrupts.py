@@ -53,15 +53,24 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def _interrupt(*_: int | FrameType | None) -> None:
+def _interrupt(_: int, frame: FrameType | None) -> None:
     if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+        if _frees(frame):
+            return
     raise KeyboardInterrupt
 
 
-def _again(*_: int | FrameType | None) -> None:
-    if not interrupted(sys.exception()):
+def _again(_: int, frame: FrameType | None) -> None:
+    if not interrupted(sys.exception()) and not _frees(frame):
         raise KeyboardInterrupt
+
+
+def _frees(frame: FrameType | None) -> bool:
+    """Whether llvmlite is giving memory back: interrupted between that and its note of it, it does so twice."""
+    while frame and not (frame.f_code.co_name == "close" and "llvmlite" in frame.f_code.co_filename):
+        frame = frame.f_back
+    return frame is not None
 
 
 def _forgotten(unraisable: sys.UnraisableHookArgs) -> None:

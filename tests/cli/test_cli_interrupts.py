@@ -77,13 +77,27 @@ TIDYING = """
         for _ in range(150): time.sleep(0.01)
         print('came back', flush=True)
 """
+GIVING_BACK = """
+    from llvmlite.binding import ffi, get_default_triple
+    def disposed(string, dispose=ffi.lib.LLVMPY_DisposeString):
+        dispose(string)
+        os.kill(os.getpid(), signal.SIGTERM)
+        for _ in range(1000): pass
+    ffi.lib._fntab['LLVMPY_DisposeString'] = disposed
+    get_default_triple()
+    print('came back', flush=True)
+    time.sleep(20)
+"""
 
 
-@pytest.mark.parametrize("body", [CALLBACK, CAUGHT, TIDYING], ids=["callback", "caught", "tidying up"])
+@pytest.mark.parametrize(
+    "body", [CALLBACK, CAUGHT, TIDYING, GIVING_BACK], ids=["callback", "caught", "tidying up", "giving memory back"]
+)
 def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     """Where compiled code calls Python nobody can catch it, and some libraries catch everything: the command went on.
 
-    What tidies up after an interrupt is not interrupted in turn.
+    What tidies up after an interrupt is not interrupted in turn. llvmlite that was interrupted while it gave memory
+    back did so twice, which aborted the process (status -6, once in 244 kills).
     """
     script = (
         "import ctypes, os, signal, time; import miniloop_cli.bench.averaging as averaging\n"
