@@ -24,8 +24,7 @@ COPY --from=build /opt/miniloop /opt/miniloop
 # An ordinary user; any other (--user) may write to the cache, too. Kernels are compiled once and kept there.
 RUN useradd --create-home miniloop && mkdir -p /cache /work && chmod 1777 /cache /work
 ENV PATH=/opt/miniloop/bin:$PATH \
-    MINILOOP_CACHE=/cache/miniloop \
-    NUMBA_CACHE_DIR=/cache/numba \
+    XDG_CACHE_HOME=/cache \
     MPLCONFIGDIR=/cache/matplotlib \
     PYTHONUNBUFFERED=1
 USER miniloop

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from command_line import ROOT
 
+from miniloop_cli import compiled
+
 ADD = "from numba import njit\n\n\n@njit(cache=True)\ndef add(a, b):\n    return a {} b\n"
 CALL = """from numba import njit
 
@@ -75,3 +77,24 @@ def test_other_sources_compile_nothing_again(package):
 def test_the_users_folder_is_taken(package, tmp_path):
     assert called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine")) == (7, tmp_path / "mine")
     assert list((tmp_path / "mine").rglob("*.nbc"))
+
+
+@pytest.mark.parametrize(
+    ("refused", "place"),
+    [((), "__pycache__"), (("__pycache__",), "home/miniloop"), (("__pycache__", "miniloop"), "own"), (None, "")],
+    ids=["beside the sources", "read-only installation", "and no home", "nothing can be written"],
+)
+def test_places(tmp_path, monkeypatch, refused, place):
+    """A container sets XDG_CACHE_HOME, whose volume outlives an upgrade."""
+    monkeypatch.setattr(compiled, "writable", lambda folder: refused is not None and folder.name not in refused)
+    monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "own"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    compiled.keep_compiled()
+    found = Path(os.environ["NUMBA_CACHE_DIR"])
+    assert found.name == compiled.sources_hash(tmp_path)
+    if place:
+        assert found.parent == tmp_path / place / "kernels"
+    else:
+        assert found.parents[1].is_dir(), "a folder of this process"
