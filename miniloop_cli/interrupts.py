@@ -13,6 +13,10 @@ from miniloop_cli.errors import interrupted
 
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 AGAIN_S = 0.5
+DELICATE = (  # library and function
+    ("llvmlite", "close"),  # gives memory back and then notes it: in between, it does so twice
+    ("numba", "load_overload"),  # links a kernel into the process: half of it crashes when it is taken apart
+)
 COME_AGAIN = hasattr(signal, "setitimer")  # not so on Windows
 
 
@@ -56,21 +60,23 @@ def uninterrupted() -> Iterator[None]:
 def _interrupt(_: int, frame: FrameType | None) -> None:
     if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
-        if _frees(frame):
+        if _is_delicate(frame):
             return
     raise KeyboardInterrupt
 
 
 def _again(_: int, frame: FrameType | None) -> None:
-    if not interrupted(sys.exception()) and not _frees(frame):
+    if not interrupted(sys.exception()) and not _is_delicate(frame):
         raise KeyboardInterrupt
 
 
-def _frees(frame: FrameType | None) -> bool:
-    """Whether llvmlite is giving memory back: interrupted between that and its note of it, it does so twice."""
-    while frame and not (frame.f_code.co_name == "close" and "llvmlite" in frame.f_code.co_filename):
+def _is_delicate(frame: FrameType | None) -> bool:
+    """Whether a library is at what it does not survive to be cut off in; the interrupt comes again a little later."""
+    while frame:
+        if any(name == frame.f_code.co_name and library in frame.f_code.co_filename for library, name in DELICATE):
+            return True
         frame = frame.f_back
-    return frame is not None
+    return False
 
 
 def _forgotten(unraisable: sys.UnraisableHookArgs) -> None:
