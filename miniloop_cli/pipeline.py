@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, fingerprint
 from miniloop_cli.average import average
@@ -21,7 +20,7 @@ from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.graph.candidates import comparer, listed_pairs, retrieved_pairs
 from miniloop_cli.graph.edges import Edge, solve_edges
 from miniloop_cli.graph.kept import edges_fingerprint, edges_kept, found_kept, matches_by_chunk, steps_kept
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, scan_points
+from miniloop_cli.graph.overlap import Matches, ScanPoints, scan_points
 from miniloop_cli.graph.priors import judged_by_priors
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.retrieval import STRONGEST, around
@@ -34,6 +33,7 @@ from miniloop_cli.priors import Priors
 from miniloop_cli.refined import Scans, refined
 from miniloop_cli.refinement.timing import Timing
 from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.typing import Floats, Pair
 
 LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
@@ -49,7 +49,7 @@ class Registration:
     scans: list[ExtractedScan]
     edges: list[Edge]
     poses: Poses
-    covariance: NDArray[np.float64]
+    covariance: Floats
     timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.averaging.graph import components
 from miniloop_cli.averaging.rotations import average_rotations
@@ -14,8 +13,8 @@ from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import VERIFIED, WEAK, Edge, pairs_of
+from miniloop_cli.typing import Floats, Ints
 
-Floats = NDArray[np.float64]
 FEW_EDGES = 3  # a scan that hangs on fewer verified edges may use its weak ones
 
 
@@ -24,10 +23,10 @@ class Poses:
     """T_world_cam (n, 4, 4), one world a component; component (n,) int, 0 the largest, -1 a scan without any edge."""
 
     T_world_cam: Floats
-    component: NDArray[np.int64]
+    component: Ints
 
     @property
-    def registered(self) -> NDArray[np.int64]:
+    def registered(self) -> Ints:
         """Scans of the largest component, ascending."""
         return np.flatnonzero(self.component == 0)
 
@@ -66,7 +65,7 @@ def beginning(edges: Sequence[Edge], count: int) -> Poses:
     return average_components(used(edges, count), count, Averaging())
 
 
-def _average_component(edges: Sequence[Edge], scans: NDArray[np.int64], settings: Averaging) -> Floats:
+def _average_component(edges: Sequence[Edge], scans: Ints, settings: Averaging) -> Floats:
     pairs = np.searchsorted(scans, pairs_of(edges))
     T_j_i = np.array([e.T_j_i for e in edges])
     inliers = np.array([e.inlier_count for e in edges], float)
@@ -88,7 +87,7 @@ def _average_component(edges: Sequence[Edge], scans: NDArray[np.int64], settings
 
 
 def _translations_given_rotations(
-    edges: Sequence[Edge], T_j_i: Floats, R_world_cam: Floats, pairs: NDArray[np.int64]
+    edges: Sequence[Edge], T_j_i: Floats, R_world_cam: Floats, pairs: Ints
 ) -> tuple[Floats, Floats]:
     """The translations that satisfy an edge's correspondences best once its rotation is the averaged one.
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.association import associate
@@ -14,8 +13,7 @@ from miniloop_cli.scans.accelerometer import read_accelerometer, verticals
 from miniloop_cli.scans.paths import shown
 from miniloop_cli.scans.sequence import Sequence
 from miniloop_cli.scans.trajectory import read_trajectory
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Bools, Floats
 
 
 @dataclass(frozen=True)
@@ -46,6 +44,6 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
     return Priors(up, T)
 
 
-def _require(known: NDArray[np.bool_], path: Path | str, what: str) -> None:
+def _require(known: Bools, path: Path | str, what: str) -> None:
     if not known.any():
         raise InputError(f"{shown(Path(path))}: no {what} at the times of the frames; is it of this recording?")

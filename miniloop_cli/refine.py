@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -15,7 +14,6 @@ from miniloop_cli.config import Settings
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import Edge, pairs_of
-from miniloop_cli.graph.overlap import Pair
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses
@@ -25,9 +23,9 @@ from miniloop_cli.refinement.calibration import NO_TIMING, MovingCamera, adjust,
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
-Floats = NDArray[np.float64]
 MIN_SHARED = 10  # tracks that tie two scans to each other
 # Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
 # a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
@@ -91,7 +89,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
 
 
-def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:
+def tied(measured: Measurements, known: Bools) -> bool:
     """Whether chains of scans that share MIN_SHARED tracks join all of the `known` scans (n,)."""
     ones = np.ones(len(measured.track))
     seen = coo_array(
@@ -103,7 +101,7 @@ def tied(measured: Measurements, known: NDArray[np.bool_]) -> bool:
 
 def _guided(
     T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Settings, workers: Workers
-) -> list[NDArray[np.int64]]:
+) -> list[Ints]:
     """Matches of each pair where its poses say they must be; features without depth take part."""
     i, j = np.array(pairs, np.int64).reshape(-1, 2).T
     T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
@@ -111,9 +109,7 @@ def _guided(
     return guided_matches(pairs, T_j_i, scans.features, scans.camera, radius_px, settings, workers)
 
 
-def _measure(
-    pairs: Sequence[Pair], matches: Sequence[NDArray[np.int64]], scans: Scans, min_frames: int
-) -> Measurements:
+def _measure(pairs: Sequence[Pair], matches: Sequence[Ints], scans: Scans, min_frames: int) -> Measurements:
     """Tracks through the matches, as measurements."""
     features = scans.features
     offsets = np.cumsum([0] + [len(found) for found in features])

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.config import Settings
@@ -18,8 +17,7 @@ from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses, beginning, used
 from miniloop_cli.refinement.timing import Timing
 from miniloop_cli.scans.camera import Camera
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.averaging.graph import Floats, Ints
+from miniloop_cli.typing import Floats, Ints
 
 Factor = tuple[Ints, Ints, Ints, Floats, Floats]
 """`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (positions in `order`), `value`; `D` (n,)."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from miniloop_cli.errors import RegistrationError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 
 class GraphError(RegistrationError):

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.averaging.graph import Floats, Ints
+from miniloop_cli.typing import Floats, Ints
 
 Quaternion = tuple[float, float, float, float]
 

@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 
 from miniloop_cli.averaging.elimination import Factor, apply, eliminate
-from miniloop_cli.averaging.graph import Floats, Ints, adjacency
+from miniloop_cli.averaging.graph import adjacency
+from miniloop_cli.typing import Floats, Ints
 
 DENSE_SCANS = 128
 """Up to here a dense Cholesky factorisation is as fast, and nothing need be compiled."""

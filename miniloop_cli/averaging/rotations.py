@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging import kernels
-from miniloop_cli.averaging.graph import Floats, GraphError, Ints, checked_pairs, checked_weights, require_connected
+from miniloop_cli.averaging.graph import GraphError, checked_pairs, checked_weights, require_connected
 from miniloop_cli.averaging.linear import Differences, spread
 from miniloop_cli.averaging.start import tree_start, trust, voted_start
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import quaternions, rotations
+from miniloop_cli.typing import Floats, Ints
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.averaging.graph import Floats
 from miniloop_cli.averaging.kernels import conjugate, product
 from miniloop_cli.geometry.se3 import quaternions
+from miniloop_cli.typing import Floats
 
 Row = tuple[float, float, float, float, float, float, float]
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.averaging import voting
-from miniloop_cli.averaging.graph import Floats, Ints, adjacency
+from miniloop_cli.averaging.graph import adjacency
 from miniloop_cli.averaging.kernels import chain
+from miniloop_cli.typing import Floats, Ints
 
 CONFIRMED = 0.7
 """Votes that place a scan at once: one edge whose triangle closes has 3/4, two agreeing edges in no triangle have 1."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from miniloop_cli.averaging.graph import Floats, Ints, adjacency
+from miniloop_cli.averaging.graph import adjacency
 from miniloop_cli.averaging.rows import compose, invert, load
 from miniloop_cli.averaging.voting import Near, agree, directed
+from miniloop_cli.typing import Bools, Floats, Ints
 
 MOST = 64  # triangles of an edge that are looked at
 ENOUGH = 2  # triangles that make an edge sure, and sure edges that make a scan's others dispensable
@@ -20,7 +20,7 @@ FEW = 6  # one triangle in so many closes by chance; of true edges one in four w
 ROUNDS = 8
 
 
-def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> NDArray[np.bool_]:
+def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
     """Edges (m,) bool that close none or few of their triangles, between scans that have sure edges.
 
     Rows (m, 7) and `near` as in voting.py; pairs (m, 2) all different. What is doubted takes its triangles with it,
@@ -40,7 +40,7 @@ def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> NDArray[np.b
 
 @njit(cache=True, nogil=True)
 def _triangles(
-    pairs: Ints, T_j_i: Floats, start: Ints, neighbour: Ints, edge: Ints, out: NDArray[np.bool_], near: Near
+    pairs: Ints, T_j_i: Floats, start: Ints, neighbour: Ints, edge: Ints, out: Bools, near: Near
 ) -> tuple[Ints, Ints]:
     """Of every edge (m,): triangles that close, and triangles there are, of those without an edge that is out."""
     closed, asked = np.zeros(len(pairs), np.int64), np.zeros(len(pairs), np.int64)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import default_folder
 from miniloop_cli.bench.stages import SessionClock, SessionStore
@@ -27,6 +26,7 @@ from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.intrinsics import default_camera
 from miniloop_cli.scans.sequence import Sequence as Recording
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Floats, Ints
 
 Row = dict[str, Any]
 STAGES = ("matching", "edges", "averaging", "refinement")
@@ -166,15 +166,13 @@ def _same(a: Camera, b: Camera) -> bool:
     return replace(a, source="") == replace(b, source="")
 
 
-def _verified(run: Registration | None) -> NDArray[np.int64]:
+def _verified(run: Registration | None) -> Ints:
     """(e, 2) frames of the verified edges."""
     edges = run.edges if run else []
     return pairs_of([e for e in edges if e.verdict == VERIFIED])
 
 
-def _scores(
-    run: Registration | None, stamps: NDArray[np.float64], truth: Trajectory, edges: NDArray[np.float64]
-) -> Row:
+def _scores(run: Registration | None, stamps: Floats, truth: Trajectory, edges: Floats) -> Row:
     """Accuracy of a run; None where there is nothing to measure."""
     registered = run.poses.registered if run else np.empty(0, np.int64)
     row: Row = {"frames": len(stamps), "registered": len(registered), "edges": len(_verified(run))}
@@ -187,7 +185,7 @@ def _scores(
     return row | {"edge_cm": _rounded(relative["trans_m_mean"], 100), "edges_scored": relative["pairs"]}
 
 
-def _estimates(run: Registration | None, stamps: NDArray[np.float64], truth: Trajectory) -> Row:
+def _estimates(run: Registration | None, stamps: Floats, truth: Trajectory) -> Row:
     """The edges as they were estimated, before averaging: median errors, and the share that is wrong."""
     T_true, known = associate(stamps, truth, PROTOCOL.association, PROTOCOL.max_diff_s)
     found = [judge(e, run.settings.verification) for e in run.edges if known[e.i] and known[e.j]] if run else []

@@ -13,9 +13,10 @@ import numpy as np
 
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
-from miniloop_cli.bench.view_graphs import Floats, ViewGraph, view_graph
+from miniloop_cli.bench.view_graphs import ViewGraph, view_graph
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry.se3 import project_so3, rotation_angle_deg
+from miniloop_cli.typing import Floats
 
 Row = dict[str, Any]
 

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from miniloop_cli.bench.view_graphs import Floats, ViewGraph
+from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.typing import Floats
 
 SHONAN_SCANS = 1000
 """gtsam's Shonan averaging certifies its optimum; beyond some thousand scans that takes minutes to hours."""

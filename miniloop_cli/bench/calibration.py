@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
@@ -22,9 +21,9 @@ from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
 from miniloop_cli.scans import open_sequence, read_ground_truth
 from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+from miniloop_cli.typing import Floats
 
 Row = dict[str, Any]
-Floats = NDArray[np.float64]
 
 PATHS = ("loop", "xyz", "random-walk", "rotation")
 NOISE = (0.5, 1.0, 2.0)  # times that of a Kinect

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.average import average
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
@@ -17,14 +16,13 @@ from miniloop_cli.config import Settings, load_settings
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import VERIFIED, Edge, solve_edges
-from miniloop_cli.graph.overlap import Pair
 from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses
+from miniloop_cli.typing import Floats, Pair
 
 Row = dict[str, Any]
-Floats = NDArray[np.float64]
 LENGTHS = (2, 3, 4, 5, 6, 7)
 NAMES = {2: "pairs only", **{n: f"up to {n}-cycles" for n in LENGTHS[1:]}}
 REPEATS = 3

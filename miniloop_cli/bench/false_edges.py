@@ -7,7 +7,6 @@ from pathlib import Path
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.bench.overlaps import open_with_truth
@@ -22,9 +21,7 @@ from miniloop_cli.graph.visibility import partners
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Bools, Floats, Ints
 
 KINDS = ("random", "consistent")
 TRUE_DEG, TRUE_M = 5.0, 0.10  # an estimate within this of the ground truth is a true edge
@@ -87,9 +84,7 @@ def _motion(T_world_cam: Floats, i: int, j: int) -> Floats:
     return se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 
-def with_false_edges(
-    graph: TrueGraph, kind: str, share: float, rng: np.random.Generator
-) -> tuple[list[Edge], NDArray[np.bool_]]:
+def with_false_edges(graph: TrueGraph, kind: str, share: float, rng: np.random.Generator) -> tuple[list[Edge], Bools]:
     """Edges of which a share is false, sorted by (i, j), and which (m,) those are.
 
     A false edge is as an estimator would find it: its scans overlap by its relative pose, which is off by more than

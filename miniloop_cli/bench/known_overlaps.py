@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.config import Settings
@@ -16,12 +15,12 @@ from miniloop_cli.evaluation.association import associate
 from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.candidates import comparer, listed_pairs
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, edge_matches, scan_points
+from miniloop_cli.graph.overlap import Matches, ScanPoints, edge_matches, scan_points
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans import open_sequence, read_ground_truth
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
-Floats = NDArray[np.float64]
 RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but a mistake
 
 
@@ -35,7 +34,7 @@ class Overlaps:
     points: Sequence[ScanPoints]
     matches: Matches
     T_world_cam: Floats
-    known: NDArray[np.bool_]
+    known: Bools
 
     def errors(self, pairs: Sequence[Pair], T_j_i: Floats) -> tuple[Floats, Floats]:
         """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
@@ -43,14 +42,14 @@ class Overlaps:
         E = se3.inverse(self.T_world_cam[i]) @ self.T_world_cam[j] @ np.reshape(T_j_i, (-1, 4, 4))
         return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
 
-    def true_matches(self, pair: Pair, rows: NDArray[np.int64]) -> int:
+    def true_matches(self, pair: Pair, rows: Ints) -> int:
         """How many of the matches (m, 2) the true relative pose brings within RIGHT_M of each other."""
         edge = edge_matches(self.points, pair, rows)
         T_j_i = se3.inverse(self.T_world_cam[pair[1]]) @ self.T_world_cam[pair[0]]
         return int((np.linalg.norm(se3.transform(T_j_i, edge.p) - edge.q, axis=1) < RIGHT_M).sum())
 
 
-def right(deg: Floats, metres: Floats) -> NDArray[np.bool_]:
+def right(deg: Floats, metres: Floats) -> Bools:
     """Which errors (m,) are those of an estimate, not of a mistake."""
     return (deg < RIGHT_DEG) & (metres < RIGHT_M)
 

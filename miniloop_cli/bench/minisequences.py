@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.bench.noise import METHODS, PAPER, chained, edges_of
 from miniloop_cli.bench.overlaps import Overlaps, overlaps
@@ -17,6 +16,7 @@ from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.overlap import Matches, edge_matches
 from miniloop_cli.parallel import Workers
+from miniloop_cli.typing import Bools, Floats
 
 Row = dict[str, Any]
 Loop = tuple[int, ...]
@@ -40,7 +40,7 @@ COLUMNS = ("rot_deg_mean", "trans_cm_mean", "rot_better", "trans_better", "rot_e
 TRIES = 1000  # random walks a wanted loop; a graph that yields none has too few loops
 
 
-def draw_loops(matches: Matches, known: NDArray[np.bool_], count: int, rng: np.random.Generator) -> list[Loop]:
+def draw_loops(matches: Matches, known: Bools, count: int, rng: np.random.Generator) -> list[Loop]:
     """`count` different sequences of five scans in order of time, with matches between all pairs that are NEEDED.
 
     `matches` are the edges, `known` (n,) the scans with ground truth. Fewer where the graph has no more.
@@ -121,7 +121,7 @@ def _errors(loop: Loop, graph: Overlaps, edges: Matches, seed: int) -> dict[tupl
     return results
 
 
-def _summary(mine: NDArray[np.float64], pairs: NDArray[np.float64] | None) -> Row:
+def _summary(mine: Floats, pairs: Floats | None) -> Row:
     """Means and medians of (m, 2) errors; against pairwise the shares that are better, and equal."""
     row: Row = dict.fromkeys((*COLUMNS, "rot_deg_median", "trans_cm_median"))
     for k, name in enumerate(("rot_deg", "trans_cm")):

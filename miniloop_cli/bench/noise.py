@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.bench.problems import random_rotations
 from miniloop_cli.config import Ransac
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import EdgeMatches, estimate
+from miniloop_cli.typing import Floats
 
-Array = NDArray[np.float64]
 Edges = dict[tuple[int, int], EdgeMatches]
 
 CAMERAS, POINTS, SIDE = 5, 400, 400.0
@@ -51,7 +50,7 @@ def edges_of(scans: tuple[int, ...]) -> list[tuple[int, int]]:
     return chain if len(scans) == 2 else [*chain, (scans[0], scans[-1])]
 
 
-def random_scene(rng: np.random.Generator, noise: float, outliers: float) -> tuple[Array, Edges]:
+def random_scene(rng: np.random.Generator, noise: float, outliers: float) -> tuple[Floats, Edges]:
     """True poses T_camera_world (5, 4, 4) and the matches between all pairs of cameras.
 
     noise: standard deviation by distance; outliers: share of matches whose second point is another point of the scene.
@@ -71,7 +70,7 @@ def random_scene(rng: np.random.Generator, noise: float, outliers: float) -> tup
     return T, edges
 
 
-def _seen(rng: np.random.Generator, T: Array, points: Array, noise: float) -> tuple[Array, Array]:
+def _seen(rng: np.random.Generator, T: Floats, points: Floats, noise: float) -> tuple[Floats, Floats]:
     """Points (m, 3) in the frame of a camera with noise, and their covariances (m, 3, 3)."""
     x = se3.transform(T, points)
     sigma = noise * np.linalg.norm(x, axis=1)
@@ -81,7 +80,7 @@ def _seen(rng: np.random.Generator, T: Array, points: Array, noise: float) -> tu
 
 def chained(
     segments: Sequence[tuple[int, ...]], edges: Edges, settings: Ransac, rng: np.random.Generator
-) -> tuple[Array, float] | None:
+) -> tuple[Floats, float] | None:
     """Pose T_5_1 (4, 4) by the estimates of the segments and the share of inliers (0 to 1) among their matches."""
     T, inliers, matches = np.eye(4), 0, 0
     for scans in segments:
@@ -148,7 +147,7 @@ def noise_rows(trials: int, seed: int, jobs: int = -1, quiet: bool = True) -> li
     return rows
 
 
-def _summary(found: Array) -> dict[str, float | None]:
+def _summary(found: Floats) -> dict[str, float | None]:
     """Means and medians of (m, 3) errors; null if there are none."""
     names = ("rot_deg", "trans", "inliers_percent")
     kinds = {"mean": np.mean, "median": np.median}

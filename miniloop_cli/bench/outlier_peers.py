@@ -8,15 +8,15 @@ from typing import Any
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.bench.averaging_peers import pycolmap_rotations
 from miniloop_cli.bench.false_edges import TrueGraph
 from miniloop_cli.bench.outliers import Solution, Solve
-from miniloop_cli.bench.view_graphs import Floats, ViewGraph
+from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import Edge, pairs_of
+from miniloop_cli.typing import Bools, Floats
 
 MEDIAN_CHI2 = 5.348  # of six degrees of freedom
 
@@ -93,7 +93,7 @@ def _poses(graph: TrueGraph, values: Any) -> Solution:
     return T, posed, None
 
 
-def _nothing(graph: TrueGraph) -> tuple[Floats, NDArray[np.bool_]]:
+def _nothing(graph: TrueGraph) -> tuple[Floats, Bools]:
     count = len(graph.T_world_cam)
     return np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, bool)
 

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.average import average
 from miniloop_cli.bench.averaging import errors
-from miniloop_cli.bench.false_edges import KINDS, Floats, TrueGraph, with_false_edges
+from miniloop_cli.bench.false_edges import KINDS, TrueGraph, with_false_edges
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging
 from miniloop_cli.evaluation.alignment import umeyama
@@ -21,9 +20,9 @@ from miniloop_cli.graph.edges import REJECTED, Edge
 from miniloop_cli.graph.witness import Witness
 from miniloop_cli.poses import used
 from miniloop_cli.refinement.posegraph import refine_pose_graph
+from miniloop_cli.typing import Bools, Floats
 
 Row = dict[str, Any]
-Bools = NDArray[np.bool_]
 # Edges to T_world_cam (n, 4, 4), which of the scans have a pose, and the edges as judged (None: they are not judged).
 Solution = tuple[Floats, Bools, Sequence[Edge] | None]
 Solve = Callable[[TrueGraph, Sequence[Edge]], Solution]

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, default_folder, fingerprint
 from miniloop_cli.config import Settings
@@ -22,8 +21,8 @@ from miniloop_cli.graph.overlap import Matches, ScanPoints, scan_points
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans import open_sequence, read_ground_truth
 from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.typing import Bools, Floats
 
-Floats = NDArray[np.float64]
 # Edges of the paper's graphs of 100 scans each; its T is not given, so that ours is told by the number of edges.
 PAPER_EDGES = {"freiburg1_room": 435, "freiburg1_xyz": 1751, "freiburg2_desk": 687}
 PAPER_PAIRS, OTHERS = 100 * 99 // 2, "freiburg2_desk"
@@ -44,7 +43,7 @@ class Overlaps:
         return np.array([frame.timestamp_s for frame in self.sequence.frames])
 
     @cached_property
-    def true_poses(self) -> tuple[Floats, NDArray[np.bool_]]:
+    def true_poses(self) -> tuple[Floats, Bools]:
         """T_world_cam (n, 4, 4) by the ground truth, and (n,) whether it reaches to that scan."""
         return associate(self.stamps_s, self.truth)
 

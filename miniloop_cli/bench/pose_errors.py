@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 def aligned_errors(T_est: Floats, T_true: Floats) -> tuple[Floats, Floats]:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.matches import EdgeMatches
 from miniloop_cli.solvers.batch import edges_of
+from miniloop_cli.typing import Floats
 
-Array = NDArray[np.float64]
 
-
-def random_rotations(rng: np.random.Generator, shape: tuple[int, ...], upright: bool = False) -> Array:
+def random_rotations(rng: np.random.Generator, shape: tuple[int, ...], upright: bool = False) -> Floats:
     """Uniform rotations (*shape, 3, 3), of all or, with `upright`, about z."""
     if upright:
         angle = rng.uniform(-np.pi, np.pi, shape)
@@ -31,7 +29,7 @@ def random_rotations(rng: np.random.Generator, shape: tuple[int, ...], upright: 
 
 def random_problems(
     rng: np.random.Generator, matches: tuple[int, ...], count: int, side: float = 1.0, upright: bool = False
-) -> tuple[Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats]:
     """`count` minimal samples p, q (count, k, 3) and their true poses T (count, n-1, 4, 4), scan e -> scan e+1.
 
     Scans stand and points lie anywhere in a cube of the given side, as in the paper's synthetic data (sec. 5.1), where
@@ -57,7 +55,7 @@ def noisy_cycle(
     outliers: float = 0.4,
     sigma_m: float = 0.005,
     upright: bool = False,
-) -> tuple[list[EdgeMatches], Array]:
+) -> tuple[list[EdgeMatches], Floats]:
     """Edges of a pair or a cycle of scans, the closing edge last, and their true poses T (edges, 4, 4).
 
     Cameras turn and move by 0.3 rad and 0.3 m (standard deviation an axis) from scan to scan; points lie within 2 m of

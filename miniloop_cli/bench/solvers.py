@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.bench.problems import noisy_cycle, random_problems
 from miniloop_cli.config import Ransac
@@ -21,8 +20,7 @@ from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.solvers.batch import edges_of, match_residuals
-
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 # Truth counts as found if rotation (largest entry) and translation (relative to the cube) agree so well.
 TOLERANCE = 1e-6
@@ -105,7 +103,7 @@ def solver_row(name: str, problems: int, rng: np.random.Generator) -> dict[str, 
     }
 
 
-def _timings(module: ModuleType, name: str, p: Array, q: Array) -> dict[str, float]:
+def _timings(module: ModuleType, name: str, p: Floats, q: Floats) -> dict[str, float]:
     """Microseconds a call, one thread: amortised in a batch, and of the plain Python entry."""
     single = getattr(module, name)
     single(p[0], q[0])

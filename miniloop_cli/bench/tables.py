@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.artefacts import Store, default_folder
-from miniloop_cli.bench.overlaps import Floats, Overlaps, overlaps, paper_sequence
+from miniloop_cli.bench.overlaps import Overlaps, overlaps, paper_sequence
 from miniloop_cli.config import load_settings
 from miniloop_cli.errors import RegistrationError
 from miniloop_cli.evaluation.errors import relative_errors
@@ -20,6 +20,7 @@ from miniloop_cli.graph.edges import Edge
 from miniloop_cli.graph.overlap import Matches, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import Registration, register
+from miniloop_cli.typing import Floats
 
 Row = dict[str, Any]
 

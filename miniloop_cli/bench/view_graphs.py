@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 KINDS = ("video", "expander")
 
 
@@ -23,7 +21,7 @@ class ViewGraph:
     T_world_cam: Floats
     pairs: Ints
     T_j_i: Floats
-    false: NDArray[np.bool_]
+    false: Bools
 
 
 def view_graph(

@@ -16,7 +16,6 @@ from typing import Any
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Ransac, load_settings
@@ -24,10 +23,11 @@ from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.cycles import Cycle
 from miniloop_cli.graph.edges import directed, in_order, sides, weakest_last
-from miniloop_cli.graph.overlap import Matches, Pair, overlap_graph
+from miniloop_cli.graph.overlap import Matches, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
+from miniloop_cli.typing import Ints, Pair
 
 Row = dict[str, Any]
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
@@ -73,7 +73,7 @@ def draw_loops(overlaps: Overlaps, kind: str, partners: str, most: int, rng: np.
     return loops
 
 
-def _some(rows: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+def _some(rows: Ints, rng: np.random.Generator) -> Ints:
     """FEW to MANY of the matches, in their order."""
     return rows[np.sort(rng.permutation(len(rows))[: rng.integers(FEW, MANY + 1)])]
 

@@ -5,26 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import MiniloopError
-
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 @dataclass(frozen=True)
 class Alignment:
     """p_target = scale R p_source + t."""
 
-    R: Array
-    t: Array
+    R: Floats
+    t: Floats
     scale: float = 1.0
 
-    def points(self, p: Array) -> Array:
+    def points(self, p: Floats) -> Floats:
         """(n, 3) source points to target points."""
         return self.scale * p @ self.R.T + self.t
 
-    def poses(self, T: Array) -> Array:
+    def poses(self, T: Floats) -> Floats:
         """(n, 4, 4) poses in the source world to poses in the target world."""
         out = T.copy()
         out[:, :3, :3] = self.R @ T[:, :3, :3]
@@ -32,7 +30,7 @@ class Alignment:
         return out
 
 
-def umeyama(source: Array, target: Array, with_scale: bool = False) -> Alignment:
+def umeyama(source: Floats, target: Floats, with_scale: bool = False) -> Alignment:
     """Least-squares alignment of (n, 3) `source` to (n, 3) `target` points; SE(3), or Sim(3) with scale.
 
     For points on a line the rotation about the line is arbitrary (the residuals are not).

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Bools, Floats, Ints
 
 
-def nearest(stamps_s: NDArray[np.float64], query_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def nearest(stamps_s: Floats, query_s: Floats) -> Ints:
     """Index of the nearest of the (n,) sorted `stamps_s` for each of the (m,) queries; a tie goes to the earlier."""
     after = np.clip(np.searchsorted(stamps_s, query_s), 0, len(stamps_s) - 1)
     before = np.maximum(after - 1, 0)
@@ -17,7 +17,7 @@ def nearest(stamps_s: NDArray[np.float64], query_s: NDArray[np.float64]) -> NDAr
     return np.where(earlier, before, after)
 
 
-def interpolate(trajectory: Trajectory, query_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def interpolate(trajectory: Trajectory, query_s: Floats) -> Floats:
     """(m, 4, 4) poses of the trajectory at (m,) times: slerp and linear; the end poses outside its span."""
     stamps, T = trajectory.timestamps_s, trajectory.T_world_cam
     if len(stamps) == 1:
@@ -30,12 +30,12 @@ def interpolate(trajectory: Trajectory, query_s: NDArray[np.float64]) -> NDArray
 
 
 def associate(
-    timestamps_s: NDArray[np.float64],
+    timestamps_s: Floats,
     ground_truth: Trajectory,
     association: str = "interpolate",
     max_diff_s: float = 0.02,
     max_gap_s: float = 0.1,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """(n, 4, 4) ground-truth poses at (n,) frame stamps, and (n,) whether each can be relied on.
 
     "interpolate": between the two samples around the stamp (before the first and after the last: that sample), if

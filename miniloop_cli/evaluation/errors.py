@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.association import nearest
 from miniloop_cli.geometry import se3
-
-Array = NDArray[np.float64]
-Pairs = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 
-def relative_errors(T_est: Array, T_true: Array, pairs: Pairs) -> tuple[Array, Array]:
+def relative_errors(T_est: Floats, T_true: Floats, pairs: Ints) -> tuple[Floats, Floats]:
     """Degrees (m,) and metres (m,) of E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) for (m, 2) row pairs of (n, 4, 4) P and Q."""
     i, j = pairs[:, 0], pairs[:, 1]
     E = se3.inverse(se3.inverse(T_true[i]) @ T_true[j]) @ (se3.inverse(T_est[i]) @ T_est[j])
     return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
 
 
-def consecutive_pairs(n: int) -> Pairs:
+def consecutive_pairs(n: int) -> Ints:
     """(n - 1, 2): each pose with the next."""
     return np.stack([np.arange(n - 1), np.arange(1, n)], axis=1) if n > 1 else np.empty((0, 2), np.int64)
 
 
-def pairs_apart(timestamps_s: Array, delta_s: float, tolerance: float = 0.1) -> Pairs:
+def pairs_apart(timestamps_s: Floats, delta_s: float, tolerance: float = 0.1) -> Ints:
     """(m, 2): each pose with the pose nearest to `delta_s` later, where that is met within `tolerance` of delta."""
     if len(timestamps_s) < 2:
         return np.empty((0, 2), np.int64)
@@ -34,7 +31,7 @@ def pairs_apart(timestamps_s: Array, delta_s: float, tolerance: float = 0.1) -> 
     return np.stack([i[met], j[met]], axis=1)
 
 
-def statistics(errors: Array) -> dict[str, float | None]:
+def statistics(errors: Floats) -> dict[str, float | None]:
     """mean, median, rmse, max of (n,) errors; None where there are none."""
     if not len(errors):
         return dict.fromkeys(("mean", "median", "rmse", "max"))

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.alignment import umeyama
 from miniloop_cli.evaluation.association import associate
 from miniloop_cli.evaluation.errors import consecutive_pairs, pairs_apart, relative_errors, statistics
 from miniloop_cli.scans.sequence import Trajectory
-
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -40,17 +38,17 @@ class Evaluation:
     """The numbers (JSON-able), and the poses behind them for plots: (k,) stamps, aligned and true (k, 4, 4)."""
 
     numbers: dict[str, Any]
-    timestamps_s: Array
-    T_aligned: Array
-    T_true: Array
+    timestamps_s: Floats
+    T_aligned: Floats
+    T_true: Floats
 
     @property
-    def position_errors_m(self) -> Array:
+    def position_errors_m(self) -> Floats:
         """(k,) distances of the aligned positions to the true ones."""
         return np.linalg.norm(self.T_aligned[:, :3, 3] - self.T_true[:, :3, 3], axis=1)
 
 
-def edge_rows(timestamps_s: Array, edge_stamps_s: Array) -> NDArray[np.int64]:
+def edge_rows(timestamps_s: Floats, edge_stamps_s: Floats) -> Ints:
     """(m, 2) rows of the (n,) sorted stamps for (e, 2) edges named by stamps; edges with a missing end left out."""
     if not len(edge_stamps_s) or not len(timestamps_s):
         return np.empty((0, 2), np.int64)
@@ -62,7 +60,7 @@ def edge_rows(timestamps_s: Array, edge_stamps_s: Array) -> NDArray[np.int64]:
 def evaluate(
     trajectory: Trajectory,
     ground_truth: Trajectory,
-    edge_stamps_s: Array | None = None,
+    edge_stamps_s: Floats | None = None,
     protocol: Protocol | None = None,
     edges_are: str = "verified edges",
 ) -> Evaluation:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Protocol
@@ -13,8 +12,9 @@ from miniloop_cli.evaluation.results import Results, edge_stamps, read_edge_list
 from miniloop_cli.scans import open_sequence, read_ground_truth
 from miniloop_cli.scans.sequence import Trajectory
 from miniloop_cli.scans.trajectory import read_trajectory
+from miniloop_cli.typing import Floats
 
-Inputs = tuple[Trajectory, Trajectory, NDArray[np.float64] | None, Protocol | None, str]
+Inputs = tuple[Trajectory, Trajectory, Floats | None, Protocol | None, str]
 
 
 def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Protocol | None) -> Inputs:
@@ -51,7 +51,7 @@ def ground_truth(path: Path) -> Trajectory:
     return truth
 
 
-def frame_stamps(folder: Results | None, truth: Path) -> NDArray[np.float64]:
+def frame_stamps(folder: Results | None, truth: Path) -> Floats:
     """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording."""
     if folder and len(folder.frame_stamps_s):
         return folder.frame_stamps_s

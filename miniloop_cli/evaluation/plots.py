@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.files import atomic_write
+from miniloop_cli.typing import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,9 +37,9 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def trajectory_figure(
-    positions_m: NDArray[np.float64],
-    truth_m: NDArray[np.float64] | None = None,
-    errors_m: NDArray[np.float64] | None = None,
+    positions_m: Floats,
+    truth_m: Floats | None = None,
+    errors_m: Floats | None = None,
     title: str = "",
 ) -> Figure:
     """Top and side view of (n, 3) positions, over the (n, 3) true ones, coloured by (n,) errors.

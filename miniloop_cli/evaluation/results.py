@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.pairs import read_pairs
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Floats
 
 RESULTS_ROOT = Path("results")
 LARGEST = 1e12  # no number of a run comes near
@@ -83,7 +83,7 @@ class Results:
         return data
 
     @cached_property
-    def frame_stamps_s(self) -> NDArray[np.float64]:
+    def frame_stamps_s(self) -> Floats:
         """(n,) time stamps of the recording's frames by number, from frames.csv; empty without it.
 
         Raises InputError if they are not increasing numbers.
@@ -95,7 +95,7 @@ class Results:
         return stamps
 
     @cached_property
-    def edge_stamps_s(self) -> NDArray[np.float64]:
+    def edge_stamps_s(self) -> Floats:
         """(e, 2) time stamps of the two frames of every verified edge."""
         return edge_stamps(self.edges, self.root / "edges.csv")
 
@@ -115,7 +115,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
     return rows
 
 
-def column(rows: list[dict[str, str]], name: str, path: Path) -> NDArray[np.float64]:
+def column(rows: list[dict[str, str]], name: str, path: Path) -> Floats:
     """(n,) a column as numbers, NaN where it is missing, empty or absurd. Raises InputError for what is no number."""
     try:
         values = np.array([float(row.get(name) or "nan") for row in rows], float)
@@ -124,7 +124,7 @@ def column(rows: list[dict[str, str]], name: str, path: Path) -> NDArray[np.floa
     return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
-def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
+def edge_stamps(rows: list[dict[str, str]], path: Path) -> Floats:
     """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows where there is no verdict."""
     stamps = np.stack([column(rows, f"timestamp_{end}", path) for end in "ij"], axis=1)
     verified = np.array([row.get("verdict", "verified") == "verified" for row in rows], bool)
@@ -133,7 +133,7 @@ def edge_stamps(rows: list[dict[str, str]], path: Path) -> NDArray[np.float64]:
     return stamps[verified]
 
 
-def read_edge_list(path: Path, frame_stamps_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def read_edge_list(path: Path, frame_stamps_s: Floats) -> Floats:
     """(e, 2) time stamps of a plain list of edges (`scans.pairs`). Raises InputError for a line that is none."""
     pairs = read_pairs(path, len(frame_stamps_s))
     return frame_stamps_s[np.array(pairs, np.int64).reshape(-1, 2)]

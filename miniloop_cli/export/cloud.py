@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 
 BITS = 21  # of a voxel coordinate within an int64 key
 HALF = 1 << (BITS - 1)
 MASK = (1 << BITS) - 1
 
-Keys = NDArray[np.int64]
-Sums = NDArray[np.float64]  # (n, 7): x y z r g b, number of points
+Keys = Ints
+Sums = Floats  # (n, 7): x y z r g b, number of points
 
 
 class VoxelCloud:
@@ -30,7 +31,7 @@ class VoxelCloud:
         self.voxel_m, self.max_voxels = float(voxel_m), int(max_voxels)
         self._parts: list[tuple[Keys, Sums]] = []
 
-    def add(self, points_world: NDArray[np.floating], colors: NDArray[np.uint8]) -> None:
+    def add(self, points_world: NDArray[np.floating], colors: Bytes) -> None:
         """Add (n, 3) points (m) with (n, 3) RGB; points that are not finite are left out.
 
         Raises MiniloopError for points more than a million voxels from the origin.
@@ -53,7 +54,7 @@ class VoxelCloud:
         while len(self._parts[0][0]) > self.max_voxels:
             self._coarsen()
 
-    def result(self, min_points: int = 1) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    def result(self, min_points: int = 1) -> tuple[Floats32, Bytes]:
         """(n, 3) points and (n, 3) colours, in voxel order; voxels of fewer than `min_points` readings left out."""
         while len(self._parts) > 1:
             self._join_last()
@@ -76,13 +77,13 @@ class VoxelCloud:
         self._parts = [merge(pack(unpack(keys) >> 1), sums)]
 
 
-def pack(voxels: NDArray[np.int64]) -> Keys:
+def pack(voxels: Ints) -> Keys:
     """(n, 3) voxel coordinates, each in [-2^20, 2^20), to (n,) keys."""
     v = voxels + HALF
     return (v[:, 0] << 2 * BITS) | (v[:, 1] << BITS) | v[:, 2]
 
 
-def unpack(keys: Keys) -> NDArray[np.int64]:
+def unpack(keys: Keys) -> Ints:
     """Inverse of `pack`."""
     return np.stack([keys >> 2 * BITS, (keys >> BITS) & MASK, keys & MASK], axis=1) - HALF
 
@@ -95,11 +96,11 @@ def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
 
 
 def fuse_cloud(
-    chunks: Iterable[tuple[NDArray[np.floating], NDArray[np.uint8]]],
+    chunks: Iterable[tuple[NDArray[np.floating], Bytes]],
     voxel_m: float = 0.01,
     max_voxels: int = 5_000_000,
     min_points: int = 1,
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+) -> tuple[Floats32, Bytes]:
     """Voxel-filtered cloud of all (points_world (n, 3), colors (n, 3)) chunks; see VoxelCloud."""
     cloud = VoxelCloud(voxel_m, max_voxels)
     for points_world, colors in chunks:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.export.g2o import pose_rows
 from miniloop_cli.export.model import Model
@@ -20,6 +19,7 @@ from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.progress import track
 from miniloop_cli.scans import read_scan
+from miniloop_cli.typing import Bytes, Floats32
 
 MOST_POINTS = 100_000
 CONVENTIONS = "# metres; poses world to camera (x right, y down, z forward); pixel centres at halves\n"
@@ -64,7 +64,7 @@ def write_images(model: Model, folder: Path, names: list[str]) -> None:
             file.write(scan.depth_m.astype("<f4").tobytes())
 
 
-def thinned_cloud(model: Model) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def thinned_cloud(model: Model) -> tuple[Floats32, Bytes]:
     """Every so many points of cloud.ply, at most MOST_POINTS; none without the file."""
     path = model.results.root / "cloud.ply"
     if not path.is_file():

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
+from miniloop_cli.typing import Floats, Ints
 
-Array = NDArray[np.float64]
 UPPER = np.triu_indices(6)
 SWAP = np.array([3, 4, 5, 0, 1, 2])  # rotation first <-> translation first
 HEADER = (
@@ -31,20 +30,20 @@ HEADER = (
 class PoseGraph:
     """(n,) ids, (n, 4, 4) T_world_cam, (m, 2) pairs of ids (i, j), (m, 4, 4) T_j_i, (m, 6, 6) rotation first."""
 
-    ids: NDArray[np.int64]
-    T_world_cam: Array
-    pairs: NDArray[np.int64]
-    T_j_i: Array
-    information: Array
+    ids: Ints
+    T_world_cam: Floats
+    pairs: Ints
+    T_j_i: Floats
+    information: Floats
 
 
 def write_g2o(
     path: Path,
-    ids: NDArray[np.int64],
-    T_world_cam: Array,
-    pairs: NDArray[np.int64],
-    T_j_i: Array,
-    information: Array,
+    ids: Ints,
+    T_world_cam: Floats,
+    pairs: Ints,
+    T_j_i: Floats,
+    information: Floats,
 ) -> None:
     """Write a pose graph; arguments as in PoseGraph.
 
@@ -62,12 +61,12 @@ def write_g2o(
             file.write(f"EDGE_SE3:QUAT {i} {j} {row} {info}\n")
 
 
-def pose_rows(T: Array) -> list[str]:
+def pose_rows(T: Floats) -> list[str]:
     """(n, 4, 4) poses as "x y z qx qy qz qw"."""
     return _lines(se3.to_rows(T), 12)
 
 
-def _lines(numbers: Array, digits: int) -> list[str]:
+def _lines(numbers: Floats, digits: int) -> list[str]:
     """(n, k) numbers as n lines, spaces between."""
     form = " ".join([f"%.{digits}g"] * numbers.shape[1])
     return [form % tuple(row) for row in numbers.tolist()]

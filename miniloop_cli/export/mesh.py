@@ -17,6 +17,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.interrupts import uninterrupted
 from miniloop_cli.progress import track
 from miniloop_cli.scans import read_scan
+from miniloop_cli.typing import Bytes, Floats32, Ints
 
 BLOCK = 16  # voxels a side
 # A block's voxels (distance and weight float32, colour 3 float32), and about as much again while the mesh is made.
@@ -29,11 +30,11 @@ SYSTEM_PACKAGES = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"
 class Surface:
     """A coloured mesh, (n, 3) vertices (m), (n, 3) RGB, (m, 3) vertex numbers; its cloud; the voxel size it took."""
 
-    vertices: NDArray[np.float32]
-    colors: NDArray[np.uint8]
+    vertices: Floats32
+    colors: Bytes
     triangles: NDArray[np.int32]
-    points: NDArray[np.float32]
-    point_colors: NDArray[np.uint8]
+    points: Floats32
+    point_colors: Bytes
     voxel_m: float
     skipped: tuple[str, ...] = ()
 
@@ -86,7 +87,7 @@ def fuse(
     return Surface(vertices, colors, triangles, points, point_colors, voxel_m, tuple(skipped))
 
 
-def in_order(points: Any) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int64]]:
+def in_order(points: Any) -> tuple[Floats32, Bytes, Ints]:
     """Positions, colours and their order: sorted, as Open3D's threads leave them in another one each time."""
     positions, colors = points.positions.numpy(), to_bytes(points.colors.numpy())
     order = np.lexsort((*colors.T, *positions.T[::-1]))
@@ -136,6 +137,6 @@ def exceeds(grid: Any, blocks: Any, most_blocks: int) -> bool:
     return grid.hashmap().size() + int((~known).sum()) > most_blocks
 
 
-def to_bytes(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
+def to_bytes(colors: Floats32) -> Bytes:
     """Colours from [0, 1] to [0, 255]."""
     return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)

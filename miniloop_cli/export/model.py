@@ -7,13 +7,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.association import nearest
 from miniloop_cli.evaluation.results import Results
 from miniloop_cli.export.g2o import PoseGraph, read_g2o
 from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.typing import Floats, Ints
 
 SAME_STAMP_S = 1e-4
 
@@ -32,7 +32,7 @@ class Model:
         return self.results.trajectory
 
     @cached_property
-    def frame_numbers(self) -> NDArray[np.int64]:
+    def frame_numbers(self) -> Ints:
         """(n,) number in the recording of each pose: by frames.csv, else by the recording, else 0, 1, 2 ..."""
         stamps = self.trajectory.timestamps_s
         if len(self.results.frame_stamps_s):
@@ -52,7 +52,7 @@ class Model:
         return PoseGraph(self.frame_numbers, T, graph.pairs, graph.T_j_i, graph.information)
 
     @cached_property
-    def pair_rows(self) -> NDArray[np.int64]:
+    def pair_rows(self) -> Ints:
         """(m, 2) the graph's edges as rows of the trajectory."""
         return np.searchsorted(self.frame_numbers, self.graph.pairs)
 
@@ -65,13 +65,13 @@ class Model:
         return self.sequence
 
     @cached_property
-    def recording_rows(self) -> NDArray[np.int64]:
+    def recording_rows(self) -> Ints:
         """(n,) index into the recording's frames of each pose, by time stamp."""
         known = np.array([frame.timestamp_s for frame in self.recording.frames])
         return rows_of(known, self.trajectory.timestamps_s, self.recording.root)
 
 
-def rows_of(known_s: NDArray[np.float64], stamps_s: NDArray[np.float64], where: Path) -> NDArray[np.int64]:
+def rows_of(known_s: Floats, stamps_s: Floats, where: Path) -> Ints:
     """(n,) row of each stamp among the sorted known ones. Raises InputError for a stamp that is not among them."""
     if not len(known_s):
         raise InputError(f"{where} has no frames")

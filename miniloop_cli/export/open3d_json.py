@@ -11,12 +11,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from miniloop_cli.export.model import Model
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
+from miniloop_cli.typing import Floats
 
 VERSION = {"version_major": 1, "version_minor": 0}
 
@@ -63,7 +61,7 @@ def pose_graph(model: Model) -> dict[str, Any]:
     return {"class_name": "PoseGraph", "nodes": nodes, "edges": edges} | VERSION
 
 
-def column_major(M: NDArray[np.float64]) -> list[float]:
+def column_major(M: Floats) -> list[float]:
     """(r, c) matrix as Eigen stores it."""
     return M.ravel(order="F").tolist()
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.files import atomic_write
+from miniloop_cli.typing import Bytes, Floats32
 
 VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
 PRECISE_VERTEX = np.dtype([("xyz", "<f8", 3), ("rgb", "u1", 3)])
@@ -21,7 +22,7 @@ MAX_HEADER_BYTES = 10_000
 def write_ply(
     path: Path,
     points: NDArray[np.floating],
-    colors: NDArray[np.uint8],
+    colors: Bytes,
     faces: NDArray[np.integer] | None = None,
     comment: str = "metres, world frame of trajectory.txt",
     precise: bool = False,
@@ -48,7 +49,7 @@ def write_ply(
             file.write(triangles.tobytes())
 
 
-def read_ply(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def read_ply(path: Path) -> tuple[Floats32, Bytes]:
     """(n, 3) points and (n, 3) colours of a file that `write_ply` wrote (faces are left out).
 
     Raises InputError for any other flavour of PLY and for a file that ends early.

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from miniloop_cli import __version__
 from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint, library_versions
@@ -30,6 +29,7 @@ from miniloop_cli.pipeline import Registration
 from miniloop_cli.scans import read_scan, write_trajectory
 from miniloop_cli.scans.intrinsics import save_camera
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Bytes, Floats, Floats32
 
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
@@ -126,7 +126,7 @@ def _write_graph(run: Registration, path: Path) -> None:
     )
 
 
-def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32, Bytes]:
     """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
     scans = run.poses.registered
     poses = content_fingerprint([scans, run.poses.T_world_cam[scans]])
@@ -141,16 +141,16 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[NDArray[n
     return kept["points"], kept["colors"]
 
 
-def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
+def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats, Bytes]]:
     """Coloured points of every registered scan, in order, a few scans ahead of the one that is taken."""
     camera, depth, stride = run.sequence.camera, run.settings.depth, run.settings.cloud.stride_px
 
     @cache
-    def ideal(height: int, width: int) -> NDArray[np.float64]:
+    def ideal(height: int, width: int) -> Floats:
         v, u = np.mgrid[0:height:stride, 0:width:stride]
         return camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1))
 
-    def points(index: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    def points(index: int) -> tuple[Floats, Bytes]:
         try:
             scan = read_scan(run.sequence, index)
         except InputError:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.pipeline import Registration
 from miniloop_cli.poses import residuals
+from miniloop_cli.typing import Floats
 
 FRAME_COLUMNS = tuple(
     """
@@ -23,7 +23,7 @@ FRAME_COLUMNS = tuple(
 )
 
 
-def write_frames(run: Registration, stamps: NDArray[np.float64], path: Path) -> None:
+def write_frames(run: Registration, stamps: Floats, path: Path) -> None:
     """One row a frame: features, depth, uncertainty of its pose, or why it is not in the trajectory."""
 
     def rows() -> Iterator[Sequence[Any]]:
@@ -76,7 +76,7 @@ EDGE_COLUMNS = tuple(
 )
 
 
-def write_edges(run: Registration, stamps: NDArray[np.float64], path: Path) -> None:
+def write_edges(run: Registration, stamps: Floats, path: Path) -> None:
     """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
     angles, distances = residuals(run.edges, run.poses.T_world_cam)
     T = np.array([edge.T_j_i for edge in run.edges]).reshape(-1, 4, 4)

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
+
 BINARY = frozenset({"orb", "akaze", "brisk"})
 # OpenCV's SIFT doubles the image first and puts every feature so much too far right and down. Its own cure,
 # enable_precise_upscale, finds fewer features.
@@ -27,17 +29,17 @@ class Detection:
     them ready for matching.
     """
 
-    px: NDArray[np.float64]
-    radius_px: NDArray[np.float32]
-    response: NDArray[np.float32]
+    px: Floats
+    radius_px: Floats32
+    response: Floats32
     descriptors: NDArray[Any]
 
-    def rows(self, which: NDArray[np.int64]) -> Detection:
+    def rows(self, which: Ints) -> Detection:
         """The keypoints of these rows, in this order."""
         return Detection(self.px[which], self.radius_px[which], self.response[which], self.descriptors[which])
 
 
-def detect(gray: NDArray[np.uint8], kind: str, count: int, contrast: float = 0.02) -> Detection:
+def detect(gray: Bytes, kind: str, count: int, contrast: float = 0.02) -> Detection:
     """Detect and describe the `count` strongest features of a (h, w) uint8 image.
 
     `kind`: rootsift (Arandjelović & Zisserman, CVPR 2012), sift, surf, orb, akaze or brisk. Deterministic; ties are
@@ -69,7 +71,7 @@ def comparable(descriptors: NDArray[Any], kind: str) -> NDArray[Any]:
     return np.sqrt(real / np.maximum(real.sum(axis=1, keepdims=True), 1)) if kind == "rootsift" else real
 
 
-def compact(descriptors: NDArray[Any], kind: str) -> tuple[NDArray[np.uint8], float]:
+def compact(descriptors: NDArray[Any], kind: str) -> tuple[Bytes, float]:
     """Descriptors as small integers (n, d) uint8, and the scale by which their squared distances are divided.
 
     So scaled, unrelated features are about 1 to 2 apart and the same point seen twice mostly below 0.3, for every kind.
@@ -118,7 +120,7 @@ def _opencv_has_surf() -> bool:
     return True
 
 
-def _surf_mahotas(gray: NDArray[np.uint8], count: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _surf_mahotas(gray: Bytes, count: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     from mahotas.features import surf
 
     # Columns: y, x, scale, score, laplacian, angle, then 64 descriptor values.

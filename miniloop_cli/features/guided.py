@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Settings
 from miniloop_cli.features.detect import compact
@@ -20,9 +19,8 @@ from miniloop_cli.features.sketch import squared_distance
 from miniloop_cli.geometry import se3
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bytes, Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 CELL_PX = 16.0
 NEAR_M = 0.05  # a point nearer than this (or behind) has no useful projection
 
@@ -58,13 +56,13 @@ class Searchable:
     """
 
     features: ScanFeatures
-    descriptors: NDArray[np.uint8]
+    descriptors: Bytes
     p_cam: Floats
     order: Ints
     start: Ints
 
 
-def searchable(features: ScanFeatures, descriptors: NDArray[np.uint8], camera: Camera) -> Searchable:
+def searchable(features: ScanFeatures, descriptors: Bytes, camera: Camera) -> Searchable:
     """Features made ready for guided matching."""
     columns, rows = _columns(camera), int(camera.height // CELL_PX) + 1
     x = np.clip(features.px_ideal[:, 0] // CELL_PX, 0, columns - 1).astype(np.int64)
@@ -111,10 +109,10 @@ def search_windows(
     T_b_a: Floats,
     lens: tuple[float, float, float, float],
     noise: tuple[float, float, float],
-    descriptors_a: NDArray[np.uint8],
+    descriptors_a: Bytes,
     px_b: Floats,
     z_b: Floats,
-    descriptors_b: NDArray[np.uint8],
+    descriptors_b: Bytes,
     order: Ints,
     start: Ints,
     columns: int,

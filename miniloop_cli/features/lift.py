@@ -12,6 +12,7 @@ from miniloop_cli.config import Depth, Features
 from miniloop_cli.features.detect import detect
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.typing import Bools, Floats, Floats32
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,11 @@ class ScanFeatures:
     descriptors: (n, d).
     """
 
-    px: NDArray[np.float64]
-    px_ideal: NDArray[np.float64]
-    z_m: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    outline: NDArray[np.bool_]
+    px: Floats
+    px_ideal: Floats
+    z_m: Floats
+    slope: Floats
+    outline: Bools
     descriptors: NDArray[Any]
 
     @property
@@ -58,7 +59,7 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     return ScanFeatures(*(column[order] for column in columns))
 
 
-def clear_of(mask: NDArray[np.bool_], px: NDArray[np.float64], radius_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+def clear_of(mask: Bools, px: Floats, radius_px: Floats32) -> Bools:
     """Whether features at pixels (n, 2) keep their radius (n,) away from what a mask (h, w) hides: (n,)."""
     import cv2
 
@@ -67,7 +68,7 @@ def clear_of(mask: NDArray[np.bool_], px: NDArray[np.float64], radius_px: NDArra
     return away_px[y, x] > radius_px
 
 
-def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: Depth) -> NDArray[np.float64]:
+def depth_at(depth_m: Floats32, px: Floats, settings: Depth) -> Floats:
     """Bilinear depth (m) at (n, 2) measured pixels of a (h, w) depth image; NaN where it cannot be trusted.
 
     All four neighbours must have a reading and agree within `edge_ratio` (a depth edge mixes two surfaces), and the
@@ -91,9 +92,7 @@ def depth_at(depth_m: NDArray[np.float32], px: NDArray[np.float64], settings: De
 SLOPE_STEP_PX = 5.0  # near readings differ by noise, far ones by other surfaces
 
 
-def depth_slope(
-    depth_m: NDArray[np.float32], px: NDArray[np.float64], z_m: NDArray[np.float64], settings: Depth
-) -> NDArray[np.float64]:
+def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> Floats:
     """Change of depth along x and y (n, 2) in m/px at (n, 2) pixels of depth z_m (n,); 0 across edges and holes."""
     slope = np.zeros((len(px), 2))
     for axis in range(2):
@@ -109,9 +108,7 @@ def depth_slope(
 BLOB = 2 ** (1 / 3) / 4
 
 
-def blob_shift(
-    radius_px: NDArray[np.float32], z_m: NDArray[np.float64], slope: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def blob_shift(radius_px: Floats32, z_m: Floats, slope: Floats) -> Floats:
     """Pixels (n, 2) from where SIFT finds blobs of radius (n,), at depths z_m (n,) of slope (n, 2), to their middles.
 
     A round blob on a slanted surface is larger on the side that is nearer, and the extremum of its Laplacian at its
@@ -124,9 +121,7 @@ OUTLINE_PX = 3.0  # depth is not as sharp as colour
 JUMP = 0.05  # of the depth: more than noise, less than from furniture to the wall behind
 
 
-def on_outline(
-    depth_m: NDArray[np.float32], px: NDArray[np.float64], radius_px: NDArray[np.float32], z_m: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def on_outline(depth_m: Floats32, px: Floats, radius_px: Floats32, z_m: Floats) -> Bools:
     """Whether depth jumps (n,) within the radius (n,) of features at pixels (n, 2) of depth z_m (n,).
 
     Such a feature is where one thing ends before another: it lies elsewhere on both when seen from elsewhere. False

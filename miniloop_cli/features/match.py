@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.typing import Bytes, Floats32, Ints
+
 LANES = 16
 FAR = np.float32(3e38)
 # No NaN comes in, and the sign of zero does not matter: without these two promises minima do not vectorise.
@@ -17,7 +19,7 @@ FAR = np.float32(3e38)
 MATH = {"nnan", "nsz"}
 
 
-def match(a: NDArray, b: NDArray, ratio: float = 0.8) -> NDArray[np.int64]:
+def match(a: NDArray, b: NDArray, ratio: float = 0.8) -> Ints:
     """Mutual nearest neighbours of two descriptor sets that pass the ratio test on the first set's side.
 
     a (n, d), b (m, d): both float32 (Euclidean distance) or both uint8 (Hamming distance over packed bits).
@@ -33,16 +35,14 @@ def match(a: NDArray, b: NDArray, ratio: float = 0.8) -> NDArray[np.int64]:
     return _match_products(a @ (-2 * b).T, norms_a, norms_b, np.float32(ratio * ratio))
 
 
-def _words(bits: NDArray[np.uint8]) -> NDArray[np.uint64]:
+def _words(bits: Bytes) -> NDArray[np.uint64]:
     """(n, bytes) to (n, ceil(bytes / 8)) words; padding is zero on both sides and adds no distance."""
     padded = np.pad(bits, ((0, 0), (0, -bits.shape[1] % 8)))
     return np.ascontiguousarray(padded).view(np.uint64)
 
 
 @njit(cache=True, nogil=True, fastmath=MATH, inline="always")
-def _top2(
-    d: NDArray[np.float32], column: NDArray[np.float32], lane1: NDArray[np.float32], lane2: NDArray[np.float32]
-) -> tuple[np.float32, np.float32]:
+def _top2(d: Floats32, column: Floats32, lane1: Floats32, lane2: Floats32) -> tuple[np.float32, np.float32]:
     """Best and second-best of the distances d (m,); column (m,) takes their minimum with what it holds."""
     m = d.shape[0]
     whole = m - m % LANES
@@ -67,7 +67,7 @@ def _top2(
 
 
 @njit(cache=True, nogil=True, fastmath=MATH, inline="always")
-def _mutual(d: NDArray[np.float32], best: np.float32, column: NDArray[np.float32]) -> int:
+def _mutual(d: Floats32, best: np.float32, column: Floats32) -> int:
     """The column whose distance is the row's best and its own best, taken once; -1 if there is none."""
     for j in range(d.shape[0]):
         if d[j] <= best:
@@ -79,9 +79,7 @@ def _mutual(d: NDArray[np.float32], best: np.float32, column: NDArray[np.float32
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _match_products(
-    products: NDArray[np.float32], norms_a: NDArray[np.float32], norms_b: NDArray[np.float32], ratio2: np.float32
-) -> NDArray[np.int64]:
+def _match_products(products: Floats32, norms_a: Floats32, norms_b: Floats32, ratio2: np.float32) -> Ints:
     """products (n, m) float32 = -2 a b^T, squared norms (n,), (m,) float32 -> (k, 2) int64."""
     n, m = products.shape
     best, second = np.empty(n, np.float32), np.empty(n, np.float32)
@@ -112,7 +110,7 @@ def _popcount(x: np.uint64) -> np.uint64:
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: NDArray[np.float32]) -> None:
+def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: Floats32) -> None:
     """Distances d (m,) float32 of the words a (w,) to the columns of b (w, m)."""
     d[:] = np.float32(0)
     for w in range(a.shape[0]):
@@ -121,7 +119,7 @@ def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: NDArray[np.flo
 
 
 @njit(cache=True, nogil=True, fastmath=MATH)
-def _match_bits(a: NDArray[np.uint64], b: NDArray[np.uint64], ratio: np.float32) -> NDArray[np.int64]:
+def _match_bits(a: NDArray[np.uint64], b: NDArray[np.uint64], ratio: np.float32) -> Ints:
     """a (n, w), b (w, m) uint64 -> (k, 2) int64."""
     n, m = a.shape[0], b.shape[1]
     best, second, d = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(m, np.float32)

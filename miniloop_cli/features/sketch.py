@@ -16,8 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.features.bits import WORDS, set_bits
+from miniloop_cli.typing import Bytes, Floats32, Ints
 
-Ints = NDArray[np.int64]
 Bits = NDArray[np.uint32]
 
 LANES = 16  # columns compared at once; each keeps its best
@@ -32,12 +32,12 @@ class Sketched:
     rows: (n, WORDS); blocks: the same as (ceil(n / LANES), WORDS, LANES), zeros at the end.
     """
 
-    descriptors: NDArray[np.uint8]
+    descriptors: Bytes
     rows: Bits
     blocks: Bits
 
 
-def sketch(descriptors: Sequence[NDArray[np.uint8]]) -> list[Sketched]:
+def sketch(descriptors: Sequence[Bytes]) -> list[Sketched]:
     """Sketches of the (n, d) compact descriptors of each scan of a recording, about the recording's mean."""
     strongest = [found[:200] for found in descriptors if len(found)]
     mean = np.concatenate(strongest).mean(axis=0).astype(np.float32) if strongest else np.zeros(1, np.float32)
@@ -45,14 +45,14 @@ def sketch(descriptors: Sequence[NDArray[np.uint8]]) -> list[Sketched]:
     return [_sketched(found[:MOST], mean, directions) for found in descriptors]
 
 
-def _directions(d: int) -> NDArray[np.float32]:
+def _directions(d: int) -> Floats32:
     """(d, 32 WORDS) directions, orthogonal within each group of d."""
     rng, count = np.random.default_rng(0), 32 * WORDS
     groups = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(-(-count // d))]
     return np.hstack(groups)[:, :count].astype(np.float32)
 
 
-def _sketched(descriptors: NDArray[np.uint8], mean: NDArray[np.float32], directions: NDArray[np.float32]) -> Sketched:
+def _sketched(descriptors: Bytes, mean: Floats32, directions: Floats32) -> Sketched:
     n = len(descriptors)
     signs = (descriptors - mean) @ directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
     rows = np.ascontiguousarray(np.packbits(signs, axis=1)).view(np.uint32)
@@ -118,7 +118,7 @@ def _least(keys: Bits) -> np.uint32:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def squared_distance(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
+def squared_distance(a: Bytes, b: Bytes) -> np.int32:
     """Of two compact descriptors (d,); for compiled code."""
     total = np.int32(0)
     for d in range(a.shape[0]):
@@ -128,7 +128,7 @@ def squared_distance(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int32:
 
 
 @njit(cache=True, nogil=True)
-def _match(a: NDArray[np.uint8], b: NDArray[np.uint8], rows: Bits, blocks: Bits, m: int, ratio2: float) -> Ints:
+def _match(a: Bytes, b: Bytes, rows: Bits, blocks: Bits, m: int, ratio2: float) -> Ints:
     n = rows.shape[0]
     none = np.uint32(0xFFFFFFFF)
     lane = np.full((n, LANES), none, np.uint32)

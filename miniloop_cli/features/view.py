@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Depth
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Scan
-
-Ints = NDArray[np.int64]
-Picture = NDArray[np.float32]
+from miniloop_cli.typing import Floats32, Ints
 
 COLUMNS = 64  # cells across the image; about 10 pixels each at 640: coarser than rolling shutter and lag of depth
 EDGE = 0.06  # spread of depth in a cell, as a share, beyond which it is not one surface
@@ -27,10 +24,10 @@ class View:
     depth of a cell and its eight neighbours.
     """
 
-    gray: Picture
-    z_m: Picture
-    low_m: Picture
-    high_m: Picture
+    gray: Floats32
+    z_m: Floats32
+    low_m: Floats32
+    high_m: Floats32
 
 
 def make_view(scan: Scan, camera: Camera, depth: Depth) -> View:

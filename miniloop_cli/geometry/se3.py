@@ -7,12 +7,11 @@ A pose is a (..., 4, 4) float64 array. `T_b_a` maps points of frame a into frame
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
-def pose(R: Array, t: Array) -> Array:
+def pose(R: Floats, t: Floats) -> Floats:
     """(..., 3, 3) rotations and (..., 3) translations to (..., 4, 4) poses."""
     R, t = np.asarray(R, float), np.asarray(t, float)
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
@@ -20,18 +19,18 @@ def pose(R: Array, t: Array) -> Array:
     return T
 
 
-def inverse(T: Array) -> Array:
+def inverse(T: Floats) -> Floats:
     """Inverse of (..., 4, 4) rigid transformations."""
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return pose(Rt, -np.einsum("...ij,...j->...i", Rt, T[..., :3, 3]))
 
 
-def transform(T: Array, points: Array) -> Array:
+def transform(T: Floats, points: Floats) -> Floats:
     """Apply (..., 4, 4) poses to (..., n, 3) points."""
     return points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
 
 
-def hat(w: Array) -> Array:
+def hat(w: Floats) -> Floats:
     """(..., 3) vectors to their (..., 3, 3) cross-product matrices."""
     w = np.asarray(w, float)
     W = np.zeros((*w.shape, 3))
@@ -40,7 +39,7 @@ def hat(w: Array) -> Array:
     return W
 
 
-def adjoint(T: Array) -> Array:
+def adjoint(T: Floats) -> Floats:
     """(..., 6, 6) with [exp(w') | v'] T = T [exp(w) | v] to first order, (w', v') = Ad (w, v); T (..., 4, 4)."""
     A = np.zeros((*T.shape[:-2], 6, 6))
     A[..., :3, :3] = A[..., 3:, 3:] = T[..., :3, :3]
@@ -48,7 +47,7 @@ def adjoint(T: Array) -> Array:
     return A
 
 
-def exp_so3(w: Array) -> Array:
+def exp_so3(w: Floats) -> Floats:
     """Rodrigues' formula: (..., 3) rotation vectors (rad) to (..., 3, 3) rotations; exact to first order near 0."""
     w = np.asarray(w, float)
     angle2 = (w * w).sum(-1)[..., None, None]
@@ -61,7 +60,7 @@ def exp_so3(w: Array) -> Array:
     return np.eye(3) + a * W + b * (W @ W)
 
 
-def log_so3(R: Array) -> Array:
+def log_so3(R: Floats) -> Floats:
     """(..., 3, 3) rotations to (..., 3) rotation vectors (rad), angle in [0, pi], stable at both ends."""
     q = quaternions(R)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)  # of half the angle
@@ -70,7 +69,7 @@ def log_so3(R: Array) -> Array:
     return q[..., :3] * np.where(small, 2 + sine**2 / 3, 2 * np.arctan2(safe, q[..., 3:]) / safe)
 
 
-def quaternions(R: Array, w_first: bool = False) -> Array:
+def quaternions(R: Floats, w_first: bool = False) -> Floats:
     """(..., 3, 3) rotations to (..., 4) unit quaternions x y z w (or w x y z) with w >= 0.
 
     The longest row of 4 q q', which is linear in R, is far from 0 for every rotation.
@@ -91,7 +90,7 @@ def quaternions(R: Array, w_first: bool = False) -> Array:
     return np.roll(q, 1, axis=-1) if w_first else q
 
 
-def rotations(q: Array, w_first: bool = False) -> Array:
+def rotations(q: Floats, w_first: bool = False) -> Floats:
     """(..., 4) quaternions x y z w (or w x y z) of any length but 0 to (..., 3, 3) rotations."""
     q = np.roll(q, -1, axis=-1) if w_first else np.asarray(q, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -99,23 +98,23 @@ def rotations(q: Array, w_first: bool = False) -> Array:
     return np.eye(3) + 2 * (q[..., 3, None, None] * V + V @ V)
 
 
-def to_rows(T: Array) -> Array:
+def to_rows(T: Floats) -> Floats:
     """(..., 4, 4) poses as rows (..., 7): x y z qx qy qz qw."""
     return np.concatenate([T[..., :3, 3], quaternions(T[..., :3, :3])], axis=-1)
 
 
-def from_rows(rows: Array) -> Array:
+def from_rows(rows: Floats) -> Floats:
     """Rows (..., 7) x y z qx qy qz qw, quaternions of any length but 0, to (..., 4, 4) poses."""
     return pose(rotations(rows[..., 3:]), rows[..., :3])
 
 
-def rotation_angle_deg(R: Array) -> Array:
+def rotation_angle_deg(R: Floats) -> Floats:
     """Rotation angle in degrees of (..., 3, 3) rotations; accurate near 0 and near 180."""
     skew = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1))
 
 
-def project_so3(M: Array) -> Array:
+def project_so3(M: Floats) -> Floats:
     """Nearest rotations (Frobenius) to (..., 3, 3) matrices."""
     U, _, Vt = np.linalg.svd(M)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]

@@ -11,13 +11,11 @@ from collections.abc import Iterable
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from miniloop_cli.features.view import COLUMNS, Picture, View
+from miniloop_cli.features.view import COLUMNS, View
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.camera import Camera
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats, Floats32
 
 BLOCK = 8  # cells along a block, in which brightness is compared
 MIN_CELLS = 12  # that a block needs for that
@@ -39,7 +37,7 @@ def agreements(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera
 
 @njit(cache=True, nogil=True)
 def _compare(
-    gray_i: Picture, z_i: Picture, gray_j: Picture, low_j: Picture, high_j: Picture, T_j_i: Floats, lens: Floats
+    gray_i: Floats32, z_i: Floats32, gray_j: Floats32, low_j: Floats32, high_j: Floats32, T_j_i: Floats, lens: Floats
 ) -> tuple[int, int]:
     """Cells of view i that speak for and against T_j_i; lens: fx fy cx cy in cells, cell centres at k + 0.5.
 

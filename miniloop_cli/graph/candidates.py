@@ -16,10 +16,11 @@ from miniloop_cli.features.detect import BINARY, compact, comparable
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.features.match import match
 from miniloop_cli.features.sketch import Sketched, match_sketched, sketch
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent
+from miniloop_cli.graph.overlap import Matches, ScanPoints, consistent
 from miniloop_cli.graph.retrieval import image_vectors, similar_pairs
 from miniloop_cli.parallel import Workers
 from miniloop_cli.scans.pairs import read_pairs
+from miniloop_cli.typing import Ints, Pair
 
 Descriptors = Sequence[NDArray]
 MANY = 150  # matches that need no further check
@@ -97,9 +98,7 @@ def match_quickly(
     return enough(pairs, workers.spread(_match_quickly, shared, pairs, "matching pairs", len(pairs)), settings)
 
 
-def _match_quickly(
-    shared: tuple[Sequence[Sketched], Sequence[ScanPoints], Matching, float], pair: Pair
-) -> NDArray[np.int64] | None:
+def _match_quickly(shared: tuple[Sequence[Sketched], Sequence[ScanPoints], Matching, float], pair: Pair) -> Ints | None:
     features, points, settings, ratio2 = shared
     rows = match_sketched(features[pair[0]], features[pair[1]], settings.count, ratio2)
     if settings.min_matches <= len(rows) <= MANY and settings.min_agreeing > 1:
@@ -115,13 +114,13 @@ def match_fully(descriptors: Descriptors, pairs: Sequence[Pair], settings: Match
     return enough(pairs, workers.spread(_match_fully, shared, pairs, "matching pairs", len(pairs)), settings)
 
 
-def _match_fully(shared: tuple[Descriptors, Matching], pair: Pair) -> NDArray[np.int64]:
+def _match_fully(shared: tuple[Descriptors, Matching], pair: Pair) -> Ints:
     descriptors, settings = shared
     a, b = (descriptors[k][: settings.count] for k in pair)
     return match(a, b, settings.ratio)
 
 
-def enough(pairs: Sequence[Pair], found: Iterable[NDArray[np.int64] | None], settings: Matching) -> Matches:
+def enough(pairs: Sequence[Pair], found: Iterable[Ints | None], settings: Matching) -> Matches:
     """The pairs with at least `min_matches` matches: the edges of the overlap graph (paper, section 4)."""
     return {
         pair: rows

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from itertools import count, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Settings, Verification
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.cycles import Cycle, decompose
-from miniloop_cli.graph.overlap import Matches, Pair, ScanPoints, consistent, edge_matches, overlap_graph
+from miniloop_cli.graph.overlap import Matches, ScanPoints, consistent, edge_matches, overlap_graph
 from miniloop_cli.graph.rescue import Prediction, agree, pose_graph, predict
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.estimate import EdgeEstimate, EdgeMatches, estimate
 from miniloop_cli.ransac.search import SOLVERS
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 VERDICTS = VERIFIED, WEAK, REJECTED = "verified", "weak", "rejected"
 MANY = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
@@ -34,11 +34,11 @@ class Edge:
 
     i: int
     j: int
-    matches: NDArray[np.int64]
-    inliers: NDArray[np.bool_]
-    T_j_i: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
-    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
-    covariance: NDArray[np.float64] = field(default_factory=lambda: np.full((6, 6), np.inf))
+    matches: Ints
+    inliers: Bools
+    T_j_i: Floats = field(default_factory=lambda: np.eye(4))
+    information: Floats = field(default_factory=lambda: np.zeros((6, 6)))
+    covariance: Floats = field(default_factory=lambda: np.full((6, 6), np.inf))
     solver: str = "pairwise"
     cycle: int = -1
     hypotheses: int = 0
@@ -51,7 +51,7 @@ class Edge:
         return int(self.inliers.sum())
 
 
-def pairs_of(edges: Sequence[Edge]) -> NDArray[np.int64]:
+def pairs_of(edges: Sequence[Edge]) -> Ints:
     """(m, 2) scans i and j of each edge."""
     return np.array([(edge.i, edge.j) for edge in edges], np.int64).reshape(-1, 2)
 

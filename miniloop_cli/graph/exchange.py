@@ -11,7 +11,8 @@ from itertools import islice
 
 import numpy as np
 
-from miniloop_cli.graph.free_edges import Cycle, FreeEdges, Pair, ring
+from miniloop_cli.graph.free_edges import Cycle, FreeEdges, ring
+from miniloop_cli.typing import Pair
 
 PASSES, PATIENCE = 20, 3  # over all cycles; passes without gain after which the search ends
 WAYS = 60  # cycles through an edge that are considered

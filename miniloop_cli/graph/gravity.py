@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Gravity, Settings
 from miniloop_cli.graph.cycles import decompose
@@ -20,8 +19,8 @@ from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, directed, judged_
 from miniloop_cli.graph.overlap import Matches, ScanPoints, overlap_graph
 from miniloop_cli.parallel import Workers
 from miniloop_cli.ransac.vertical import estimate_upright
+from miniloop_cli.typing import Floats
 
-Floats = NDArray[np.float64]
 SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
 MIN_WITNESSES = 3
 LONGEST = 4  # scans in a cycle of the known-vertical solvers

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Store, content_fingerprint, fingerprint
 from miniloop_cli.graph.edges import VERDICTS, Edge, pairs_of
-from miniloop_cli.graph.overlap import Matches, Pair
+from miniloop_cli.graph.overlap import Matches
+from miniloop_cli.typing import Pair
 
 CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
 

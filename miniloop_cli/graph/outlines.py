@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.graph.edges import Edge
+from miniloop_cli.typing import Bools
 
 MAX_SHARE = 0.5  # of a scan's matches, if there are few others; 0.53 to 1 without texture, else 0.05 to 0.35
 ENOUGH = 20  # other matches in one overlap: then outlines do not decide
 
 
-def by_outlines(edges: Sequence[Edge], outline: Sequence[NDArray[np.bool_]]) -> dict[int, str]:
+def by_outlines(edges: Sequence[Edge], outline: Sequence[Bools]) -> dict[int, str]:
     """Scans that the inliers of these edges place by outlines, with this reason; `outline`: of each scan's features."""
     total, on, others = np.zeros((3, len(outline)), np.int64)
     for edge in edges:

@@ -8,29 +8,28 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.ransac.consistency import consistent_core
 from miniloop_cli.ransac.estimate import EdgeMatches
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 if TYPE_CHECKING:
     import networkx as nx
 
-Pair = tuple[int, int]
-Matches = dict[Pair, NDArray[np.int64]]
+Matches = dict[Pair, Ints]
 
 
 @dataclass(frozen=True)
 class ScanPoints:
     """The features with depth of one scan in space: points (n, 3) m, covariances (n, 3, 3) m^2, camera frame."""
 
-    points_m: NDArray[np.float64]
-    covariances_m2: NDArray[np.float64]
+    points_m: Floats
+    covariances_m2: Floats
 
     @cached_property
-    def sigmas_m(self) -> NDArray[np.float64]:
+    def sigmas_m(self) -> Floats:
         """Root mean square standard deviation (n,) over the three axes."""
         return np.sqrt(np.trace(self.covariances_m2, axis1=1, axis2=2) / 3)
 
@@ -42,7 +41,7 @@ def scan_points(features: ScanFeatures, camera: Camera) -> ScanPoints:
     return ScanPoints(points, camera.point_covariance(points))
 
 
-def overlap_graph(count: int, matches: Mapping[Pair, NDArray[np.int64]]) -> nx.Graph:
+def overlap_graph(count: int, matches: Mapping[Pair, Ints]) -> nx.Graph:
     """Nodes 0..count-1, an edge a pair of scans with its number of `matches` (paper, section 4)."""
     import networkx as nx
 
@@ -52,7 +51,7 @@ def overlap_graph(count: int, matches: Mapping[Pair, NDArray[np.int64]]) -> nx.G
     return graph
 
 
-def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: NDArray[np.int64]) -> EdgeMatches:
+def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: Ints) -> EdgeMatches:
     """The matches of a pair in space, from scan pair[0] to scan pair[1]."""
     a, b = points[pair[0]], points[pair[1]]
     return EdgeMatches(
@@ -60,9 +59,7 @@ def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: NDArray[np.int6
     )
 
 
-def consistent(
-    points: Sequence[ScanPoints], pair: Pair, rows: NDArray[np.int64], threshold_m: float, least: int
-) -> NDArray[np.bool_]:
+def consistent(points: Sequence[ScanPoints], pair: Pair, rows: Ints, threshold_m: float, least: int) -> Bools:
     """Matches (m,) bool that agree in their distances with at least `least` others (see ransac.consistency).
 
     Two matches agree if their distances differ by less than `threshold_m` and three sigma of both.

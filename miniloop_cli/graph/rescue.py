@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.free_edges import Cycle, Pair
+from miniloop_cli.graph.free_edges import Cycle
+from miniloop_cli.typing import Bools, Floats, Pair
 
 if TYPE_CHECKING:
     import networkx as nx
 
-Floats = NDArray[np.float64]
 LOOPS = 6  # loops over verified edges that are asked, the strongest first
 AGREE_DEG, AGREE_M = 5.0, 0.10
 
@@ -64,7 +63,7 @@ def predict(graph: nx.Graph, pair: Pair) -> Prediction | None:
     return Prediction((i, between[best], j), T[best], len(between) - 1, int(alike[best]))
 
 
-def agree(T_a: Floats, T_b: Floats) -> NDArray[np.bool_]:
+def agree(T_a: Floats, T_b: Floats) -> Bools:
     """Whether relative poses (..., 4, 4) differ by less than AGREE_DEG and AGREE_M."""
     E = se3.inverse(T_a) @ T_b
     return (se3.rotation_angle_deg(E[..., :3, :3]) < AGREE_DEG) & (np.linalg.norm(E[..., :3, 3], axis=-1) < AGREE_M)

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from miniloop_cli.graph.overlap import Pair
+from miniloop_cli.typing import Bytes, Floats32, Ints, Pair
 
 WORDS = 32
 TRAINING = 20_000  # descriptors that the vocabulary is learnt from
@@ -20,7 +19,7 @@ STRONGEST = 300  # features of an image that describe it
 FAISS_FROM = 10_000  # images from which faiss, where installed, searches instead of a matrix product
 
 
-def image_vectors(descriptors: Sequence[NDArray[np.uint8]], rng: np.random.Generator) -> NDArray[np.float32]:
+def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats32:
     """(n, WORDS * d) unit vectors of n images from their (k, d) compact descriptors; zero for images without any."""
     from scipy.cluster.vq import kmeans2, vq
 
@@ -41,14 +40,14 @@ def image_vectors(descriptors: Sequence[NDArray[np.uint8]], rng: np.random.Gener
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
 
 
-def similar_pairs(vectors: NDArray[np.float32], most: int) -> list[Pair]:
+def similar_pairs(vectors: Floats32, most: int) -> list[Pair]:
     """Pairs (i, j), i < j, of each image with the `most` images that look most alike, sorted."""
     count = len(vectors)
     nearest = _nearest(vectors, min(most + 1, count))
     return sorted({(min(i, int(j)), max(i, int(j))) for i in range(count) for j in nearest[i] if i != j and j >= 0})
 
 
-def _nearest(vectors: NDArray[np.float32], most: int) -> NDArray[np.int64]:
+def _nearest(vectors: Floats32, most: int) -> Ints:
     if len(vectors) >= FAISS_FROM:
         try:
             import faiss

@@ -10,17 +10,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Rough
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge, pairs_of
-from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.graph.overlap import ScanPoints
 from miniloop_cli.graph.visibility import in_view
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Floats, Pair
 
-Floats = NDArray[np.float64]
 NEIGHBOURS = 3  # frames after each frame that are compared whatever the poses say
 MIN_SHARE = 0.1  # of the points of a scan that must be in view of another
 SURE_INLIERS, MIN_SURE, MIN_AGREEING = 20, 5, 0.5

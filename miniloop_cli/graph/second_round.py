@@ -10,21 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Settings
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edges import VERIFIED, Edge, judge
-from miniloop_cli.graph.overlap import Pair, ScanPoints, edge_matches
+from miniloop_cli.graph.overlap import ScanPoints, edge_matches
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.parallel import Workers
 from miniloop_cli.poses import Poses
 from miniloop_cli.ransac.estimate import refit
 from miniloop_cli.scans.camera import Camera
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats, Ints, Pair
 
 
 def second_round(
@@ -49,7 +47,7 @@ def second_round(
         settings.bundle.radius_px, settings, workers,
     )  # fmt: skip
 
-    def solve(item: tuple[Pair, NDArray[np.int64]]) -> Edge | None:
+    def solve(item: tuple[Pair, Ints]) -> Edge | None:
         pair, rows = item
         return _solved(pair, rows, guesses[pair], points, settings)
 
@@ -74,9 +72,7 @@ def _guesses(
     return {(i, j): se3.inverse(T[j]) @ T[i] for i, j in failed}
 
 
-def _solved(
-    pair: Pair, rows: NDArray[np.int64], T_j_i: Floats, points: Sequence[ScanPoints], settings: Settings
-) -> Edge | None:
+def _solved(pair: Pair, rows: Ints, T_j_i: Floats, points: Sequence[ScanPoints], settings: Settings) -> Edge | None:
     """The pair's edge by its guided matches with depth, begun from its probable pose; None if they are too few."""
     i, j = pair
     rows = rows[(rows[:, 0] < len(points[i].points_m)) & (rows[:, 1] < len(points[j].points_m))]

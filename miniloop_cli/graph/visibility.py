@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.graph.overlap import ScanPoints
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Floats, Ints, Pair
 
-Floats = NDArray[np.float64]
 SAMPLE = 100  # points that stand for a scan
 MIN_SHARE = 0.3  # of them that must be in view of the other scan
 
@@ -26,9 +25,7 @@ def sample_points(points: Sequence[ScanPoints]) -> Floats:
     return chosen
 
 
-def partners(
-    T_world_cam: Floats, scans: NDArray[np.int64], points: Sequence[ScanPoints], camera: Camera, most: int
-) -> list[Pair]:
+def partners(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera, most: int) -> list[Pair]:
     """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted."""
     share = in_view(T_world_cam, scans, points, camera)
     share = np.minimum(share, share.T)
@@ -43,7 +40,7 @@ def partners(
     return sorted(pairs)
 
 
-def in_view(T_world_cam: Floats, scans: NDArray[np.int64], points: Sequence[ScanPoints], camera: Camera) -> Floats:
+def in_view(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera) -> Floats:
     """(m, m) share of the points of each of the m `scans` (row) that lie in the image of each other (column)."""
     T = np.ascontiguousarray(T_world_cam[scans])
     sample = sample_points([points[k] for k in scans])

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.features.view import View
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.alike import agreements
-from miniloop_cli.graph.overlap import Pair, ScanPoints
+from miniloop_cli.graph.overlap import ScanPoints
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
-Floats = NDArray[np.float64]
 PARTNERS = 5  # scans that each scan of a result is compared with
 BEFOREHAND = 10  # cells that are taken to look alike before any is seen: without cells nothing is said
 
@@ -31,14 +30,14 @@ class Witness:
 
     views: Sequence[View | None]
     points: Sequence[ScanPoints]
-    outline: Sequence[NDArray[np.bool_]]
+    outline: Sequence[Bools]
     step_m: Sequence[float]
     camera: Camera
     store: Store | None = None
     key: str = ""
     _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before
 
-    def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> NDArray[np.int64]:
+    def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> Ints:
         """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
         questions = [(pair, T.tobytes()) for pair, T in zip(pairs, T_j_i, strict=True)]
         new = [k for k, question in enumerate(questions) if question not in self._said]
@@ -48,7 +47,7 @@ class Witness:
         self._said.update(zip((questions[k] for k in seen), map(tuple, answers), strict=True))
         return np.array([self._said[question] for question in questions], np.int64).reshape(-1, 2)
 
-    def _answers(self, pairs: NDArray[np.int64], T_j_i: Floats) -> list[list[int]]:
+    def _answers(self, pairs: Ints, T_j_i: Floats) -> list[list[int]]:
         """For and against, of pairs (m, 2) of scans that have views."""
 
         def said() -> Arrays:
@@ -59,13 +58,13 @@ class Witness:
         kept = self.store.kept("alike", key, said) if self.store and len(pairs) else said()
         return kept["said"].tolist()
 
-    def neighbours(self, T_world_cam: Floats, scans: NDArray[np.int64]) -> tuple[list[Pair], Floats]:
+    def neighbours(self, T_world_cam: Floats, scans: Ints) -> tuple[list[Pair], Floats]:
         """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
         pairs = partners(T_world_cam, scans, self.points, self.camera, PARTNERS)
         i, j = np.array(pairs, np.int64).reshape(-1, 2).T
         return pairs, se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 
-def share(said: NDArray[np.int64]) -> Floats:
+def share(said: Ints) -> Floats:
     """(..., 2) cells for and against to the share (...) that is for, BEFOREHAND among them; 1 where there are none."""
     return (said[..., 0] + BEFOREHAND) / (said.sum(axis=-1) + BEFOREHAND)

@@ -17,8 +17,8 @@ from miniloop_cli.features.lift import ScanFeatures, scan_features
 from miniloop_cli.features.match import match
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.typing import Floats
 
-Floats = NDArray[np.float64]
 FEATURES = Features(count=1500)
 STEPS = (1, 2, 4, 8, 16, 32)  # how far the second frame of a pair may lie behind the first
 MIN_MATCHES = 30

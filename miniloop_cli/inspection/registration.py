@@ -11,9 +11,9 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from miniloop_cli.typing import Bytes, Floats32
+
 REACH = 48  # largest shift that is tried, pixels of a 640-pixel image
 TOLERANCE = 4.0  # a peak this near to zero counts as registered: real Kinects are off by two
 JUMP = 0.08  # relative step that makes a depth edge
@@ -29,7 +29,7 @@ class Agreement:
     depth_edges: float  # pixels a frame
 
 
-def color_edges(color: NDArray[np.uint8]) -> Floats:
+def color_edges(color: Bytes) -> Floats32:
     """(h, w) strength of colour edges relative to their close surroundings, zero mean.
 
     All three channels, hardly smoothed, and close surroundings: that is what makes outlines stand out of texture.
@@ -43,7 +43,7 @@ def color_edges(color: NDArray[np.uint8]) -> Floats:
     return strength - strength.mean()
 
 
-def depth_edges(depth_m: Floats) -> Floats:
+def depth_edges(depth_m: Floats32) -> Floats32:
     """(h, w) 1 on the nearer side of a jump, else 0; the outline of what is in front."""
     import cv2
 
@@ -54,7 +54,7 @@ def depth_edges(depth_m: Floats) -> Floats:
     return edges.astype(np.float32)
 
 
-def agreement(pairs: Many[tuple[Floats, Floats]]) -> Agreement:
+def agreement(pairs: Many[tuple[Floats32, Floats32]]) -> Agreement:
     """Cross-correlation of colour edges and depth edges (h, w) of several frames, by FFT.
 
     Frames with less than 30 pixels of depth edges do not count.
@@ -81,14 +81,14 @@ def agreement(pairs: Many[tuple[Floats, Floats]]) -> Agreement:
     return Agreement(float(heights[y, x]), shift, float(heights[near].max()), float(np.mean(counts)))
 
 
-def halved(edges: Floats) -> Floats:
+def halved(edges: Floats32) -> Floats32:
     """(h / 2, w / 2) means; a coarser image forgives more."""
     import cv2
 
     return cv2.resize(edges, (edges.shape[1] // 2, edges.shape[0] // 2), interpolation=cv2.INTER_AREA)
 
 
-def enlarged(edges: Floats, factor: float) -> Floats:
+def enlarged(edges: Floats32, factor: float) -> Floats32:
     """(h, w) edges as they would be if the depth image were enlarged by `factor` about its centre."""
     import cv2
 
@@ -117,7 +117,7 @@ ENOUGH_EDGES = 2000
 
 
 def diagnose(
-    color: Many[Floats], depth: Many[Floats], color_behind: Callable[[int], Many[tuple[int, Floats]]]
+    color: Many[Floats32], depth: Many[Floats32], color_behind: Callable[[int], Many[tuple[int, Floats32]]]
 ) -> Verdict:
     """What is wrong, if anything, with the depth of some frames.
 

@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.inspection.pairs import MatchedPair, resection
 from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Floats, Floats32
 
-Floats = NDArray[np.float64]
 FACTORS = np.exp(np.linspace(-0.35, 0.35, 11))
 CAUCHY = 3.0
 MIN_POINTS, MAX_POINTS = 15, 200
@@ -139,7 +138,7 @@ def scale_against_truth(fit: FocalFit, stamps_s: Many[float], truth: Trajectory)
     return float(low), float(middle), float(high), len(ratios)
 
 
-def disparity_step(depths_m: Many[NDArray[np.float32]]) -> tuple[float, float]:
+def disparity_step(depths_m: Many[Floats32]) -> tuple[float, float]:
     """Step of the readings in inverse depth (1/m) and how pronounced it is, 0 to 1 (1: readings only at the steps).
 
     The highest peak of the periodogram of the histogram of 1/z. Multiples of a frequency ring as well, so the largest

@@ -6,32 +6,31 @@ import base64
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans.images import read_color
 from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.typing import Bytes, Floats
 
-Image = NDArray[np.uint8]
 MAX_LINES = 120  # more hide the images
 
 
-def jpeg(rgb: Image) -> NDArray[np.uint8]:
+def jpeg(rgb: Bytes) -> Bytes:
     """The bytes of a JPEG file of an (h, w, 3) RGB image."""
     return cv2.imencode(".jpg", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 82])[1]
 
 
-def png(rgb: Image) -> NDArray[np.uint8]:
+def png(rgb: Bytes) -> Bytes:
     """The bytes of a PNG file of an (h, w, 3) RGB image."""
     return cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1]
 
 
-def data_uri(file: NDArray[np.uint8], kind: str = "jpeg") -> str:
+def data_uri(file: Bytes, kind: str = "jpeg") -> str:
     """The bytes of an image file of this kind (jpeg or png) as a data URI."""
     return f"data:image/{kind};base64,{base64.b64encode(file.tobytes()).decode('ascii')}"
 
 
-def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, float] | None:
+def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, float] | None:
     """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
     try:
         color = read_color(sequence.frames[index].color_path)
@@ -42,9 +41,7 @@ def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Image, floa
     return cv2.resize(color, size, interpolation=cv2.INTER_AREA), scale
 
 
-def match_picture(
-    sequence: Sequence, i: int, j: int, px_i: NDArray[np.float64], px_j: NDArray[np.float64], width: int = 480
-) -> Image | None:
+def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, width: int = 480) -> Bytes | None:
     """Both images side by side, (k, 2) measured inlier pixels joined; None if an image cannot be read."""
     left, right = frame_image(sequence, i, width), frame_image(sequence, j, width)
     if left is None or right is None:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.artefacts import Arrays, Store, content_fingerprint, file_fingerprint, fingerprint
 from miniloop_cli.export.ply import read_ply
 from miniloop_cli.pictures.images import jpeg, match_picture
 from miniloop_cli.pictures.splat import overview, render
 from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.typing import Bytes, Floats
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 FARTHEST_M = 1e6
 VIEWS_DEG = ((0, 0), (25, 30))  # yaw, pitch
 SIZE = (960, 640)

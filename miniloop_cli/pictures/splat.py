@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.typing import Bytes, Floats
 
-Floats = NDArray[np.float64]
 BACKGROUND = np.array([250, 250, 250], np.uint8)
 NEAR_M = 0.05
 LARGEST_PX = 6
@@ -51,7 +50,7 @@ def overview(points: Floats, T_world_cam: Floats, yaw_deg: float, pitch_deg: flo
     return View(se3.pose(R_view_world, np.array([0, 0, distance]) - centre), focal, width, height)
 
 
-def render(points: Floats, colors: NDArray[np.uint8], view: View, point_m: float = 0.016) -> NDArray[np.uint8]:
+def render(points: Floats, colors: Bytes, view: View, point_m: float = 0.016) -> Bytes:
     """(h, w, 3) picture of (n, 3) points with (n, 3) colours, drawn as squares of `point_m` metres (1 to 6 px)."""
     px, z = view.project(points)
     side = np.clip(np.ceil(view.focal_px * point_m / np.maximum(z, NEAR_M)), 1, LARGEST_PX)
@@ -78,7 +77,7 @@ def render(points: Floats, colors: NDArray[np.uint8], view: View, point_m: float
     return shade(np.where(drawn[..., None], colors[rows[winner]], BACKGROUND), depth)
 
 
-def shade(picture: NDArray[np.uint8], depth: Floats) -> NDArray[np.uint8]:
+def shade(picture: Bytes, depth: Floats) -> Bytes:
     """Darken pixels that lie behind their neighbours (eye-dome lighting, Boucheny 2009): shape shows at once."""
     log_depth = np.log(np.where(np.isfinite(depth), depth, np.nan))
     behind = np.zeros(depth.shape, depth.dtype)

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Bools, Floats
 
 
 @njit(cache=True, nogil=True)
-def consistent_core(P: Floats, Q: Floats, tolerance: Floats, k: int) -> NDArray[np.bool_]:
+def consistent_core(P: Floats, Q: Floats, tolerance: Floats, k: int) -> Bools:
     """Members (m,) bool of the k-core: each is consistent with at least k others of the core.
 
     P, Q (3, m) matched points (m); two matches are consistent if their distances in both scans differ by less than

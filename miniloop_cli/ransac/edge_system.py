@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.typing import Floats
 
-Floats = NDArray[np.float64]
 # Sums may be reassociated, but NaN and infinity keep their meaning: a singular system is told by them.
 MATH = {"nsz", "arcp", "contract", "reassoc"}
 

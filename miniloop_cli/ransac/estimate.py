@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
@@ -14,8 +13,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
 from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
 from miniloop_cli.ransac.settle import edge_poses, settle
+from miniloop_cli.typing import Bools, Floats
 
-Floats = NDArray[np.float64]
 SIGMAS = 3.0  # a match may be this many of its own sigmas farther off than the threshold
 
 
@@ -29,7 +28,7 @@ class EdgeEstimate:
     """
 
     T: Floats
-    inliers: NDArray[np.bool_]
+    inliers: Bools
     chi2: Floats
     information: Floats
     covariance: Floats

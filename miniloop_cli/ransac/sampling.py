@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.ransac.matches import Packed
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 TRIES = 256  # draws before an edge is given up for this hypothesis
 

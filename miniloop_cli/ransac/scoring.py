@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.system import WHOLE, compose_into
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win
 

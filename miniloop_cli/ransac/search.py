@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Ransac
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.sampling import draw_samples
 from miniloop_cli.ransac.scoring import best_of, inlier_sample_share, score_cycle
 from miniloop_cli.ransac.system import CAUCHY2, gauss_newton
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 FIRST, LARGEST = 32, 256  # hypotheses of the first batch; later ones double
 KEPT = 4096  # samples from which the share of clean ones is told

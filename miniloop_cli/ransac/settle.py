@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.system import CAUCHY2, WHOLE, carry, compose_into, gauss_newton
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Bools, Floats
 
 STEPS = 8
 
@@ -74,7 +72,7 @@ def settle(
     return chi2, information, _covariances(T, H, edges, upright)
 
 
-def chosen(matches: Packed, kept: NDArray[np.bool_]) -> Packed:
+def chosen(matches: Packed, kept: Bools) -> Packed:
     """The matches (N,) that are to be kept."""
     before = np.concatenate([[0], np.cumsum(kept)])
     P, Q, CP, CQ = (np.ascontiguousarray(x[:, kept]) for x in matches[:4])

@@ -11,13 +11,10 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from miniloop_cli.ransac.edge_system import MATH, edge_system
 from miniloop_cli.ransac.matches import Packed
-
-Floats = NDArray[np.float64]
-
+from miniloop_cli.typing import Floats
 
 CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of every fit
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}

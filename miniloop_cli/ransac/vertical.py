@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.config import Ransac
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import CycleEstimate, EdgeMatches, estimate, refit
-
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 def upright_rotations(up_cam: Floats) -> Floats:

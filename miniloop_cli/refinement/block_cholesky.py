@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 
 class BlockPattern:
@@ -35,7 +33,7 @@ class BlockPattern:
         key = np.repeat(np.arange(m), np.diff(self.start)) * m + self.row
         self._slot = np.searchsorted(key, column * m + row)
 
-    def factor(self, blocks: Array) -> Array:
+    def factor(self, blocks: Floats) -> Floats:
         """The factor, (len(row), 6, 6) blocks L_ij^T column by column, of (k, 6, 6) blocks in the order given at first.
 
         Raises numpy.linalg.LinAlgError if the matrix is not positive definite.
@@ -46,7 +44,7 @@ class BlockPattern:
             raise np.linalg.LinAlgError("the system is not positive definite")
         return L
 
-    def solve(self, L: Array, b: Array) -> Array:
+    def solve(self, L: Floats, b: Floats) -> Floats:
         """Solution (m, 6) for the right-hand side b (m, 6)."""
         x = b[self.order]
         _solve(self.start, self.row, L, x)
@@ -54,7 +52,7 @@ class BlockPattern:
         out[self.order] = x
         return out
 
-    def diagonal_of_inverse(self, L: Array) -> Array:
+    def diagonal_of_inverse(self, L: Floats) -> Floats:
         """(m, 6, 6) diagonal blocks of the inverse."""
         Z = _selected_inverse(self.start, self.row, L)
         out = np.empty((len(self.order), 6, 6))
@@ -109,7 +107,7 @@ def _factor_pattern(start: Ints, row: Ints) -> tuple[Ints, Ints]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _subtract(B: Array, b: int, A: Array, a: int, C: Array, c: int) -> None:
+def _subtract(B: Floats, b: int, A: Floats, a: int, C: Floats, c: int) -> None:
     """C[c] -= B[b]^T A[a], all 6 x 6: written so that the inner loop vectorises."""
     for j in range(6):
         b0, b1, b2, b3, b4, b5 = B[b, 0, j], B[b, 1, j], B[b, 2, j], B[b, 3, j], B[b, 4, j], B[b, 5, j]
@@ -125,7 +123,7 @@ def _subtract(B: Array, b: int, A: Array, a: int, C: Array, c: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _factor(start: Ints, row: Ints, L: Array) -> bool:
+def _factor(start: Ints, row: Ints, L: Floats) -> bool:
     """A's blocks in L's places become L; False if a pivot is not positive. All blocks are stored transposed."""
     m = len(start) - 1
     # Columns that still have rows to give, in lists by their next row; `at`: where that row stands.
@@ -172,7 +170,7 @@ def _factor(start: Ints, row: Ints, L: Array) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start: Ints, row: Ints, L: Array, x: Array) -> None:
+def _solve(start: Ints, row: Ints, L: Floats, x: Floats) -> None:
     """x (m, 6) becomes (L L^T)^-1 x."""
     m = len(start) - 1
     for j in range(m):
@@ -198,7 +196,7 @@ def _solve(start: Ints, row: Ints, L: Array, x: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _selected_inverse(start: Ints, row: Ints, L: Array) -> Array:
+def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
     """Blocks of the inverse in L's places, stored transposed as well."""
     m = len(start) - 1
     Z = np.zeros_like(L)

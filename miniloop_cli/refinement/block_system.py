@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.block_cholesky import BlockPattern
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
 _DENSE_SHARE = 0.2
 _TOLERANCE, _MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
@@ -23,7 +22,7 @@ class BlockSystem:
     Methods that factorise raise numpy.linalg.LinAlgError where the blocks are not positive definite.
     """
 
-    def __init__(self, held: NDArray[np.bool_], pairs: Ints) -> None:
+    def __init__(self, held: Bools, pairs: Ints) -> None:
         n = len(held)
         low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
         self._off = np.unique(low[low < high] * n + high[low < high])
@@ -49,7 +48,7 @@ class BlockSystem:
         table[self.rows, self.cols] = np.arange(len(self))
         return table
 
-    def solve(self, blocks: Array, right: Array) -> Array:
+    def solve(self, blocks: Floats, right: Floats) -> Floats:
         """Solution (n, 6) of the system of (len, 6, 6) blocks for the right-hand side (n, 6)."""
         from scipy.linalg import cho_solve
 
@@ -66,7 +65,7 @@ class BlockSystem:
         x[self.free] = found
         return x
 
-    def marginals(self, blocks: Array) -> Array:
+    def marginals(self, blocks: Floats) -> Floats:
         """(n, 6, 6) diagonal blocks of the inverse of the system of (len, 6, 6) blocks."""
         from scipy.linalg.lapack import dpotri
 
@@ -80,7 +79,7 @@ class BlockSystem:
             Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks[self._kept]))
         return Z
 
-    def _by_gradients(self, blocks: Array, right: Array) -> Array | None:
+    def _by_gradients(self, blocks: Floats, right: Floats) -> Floats | None:
         """Solution (m, 6) by conjugate gradients on the kept blocks; None where they do not settle.
 
         Where many poses all see each other a few dozen steps are enough, whose cost grows with the number of blocks
@@ -117,7 +116,7 @@ class BlockSystem:
     def _sparse(self) -> BlockPattern:
         return BlockPattern(len(self.free), self._r, self._c)
 
-    def _dense(self, blocks: Array) -> Array:
+    def _dense(self, blocks: Floats) -> Floats:
         """Lower Cholesky factor (6m, 6m) of the kept blocks, in LAPACK's order."""
         from scipy.linalg import cholesky
 

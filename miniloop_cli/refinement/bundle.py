@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from miniloop_cli.geometry.se3 import pose, project_so3, transform
 from miniloop_cli.refinement.bundle_problem import Bundle
@@ -21,9 +21,7 @@ from miniloop_cli.refinement.points import initial_points
 from miniloop_cli.refinement.robust import KERNELS, Kernel
 from miniloop_cli.refinement.track_terms import Model, Observations
 from miniloop_cli.scans.camera import Camera
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -50,28 +48,28 @@ class BundleResult:
     took part. residual_px (k, 2) and residual_depth (k,) in sigmas, NaN where there is none; weights (k,) in [0, 1].
     """
 
-    T_world_cam: Array
-    points_world: Array
-    covariance: Array | None
-    used: NDArray[np.bool_]
-    residual_px: Array
-    residual_depth: Array
-    weight_px: Array
-    weight_depth: Array
+    T_world_cam: Floats
+    points_world: Floats
+    covariance: Floats | None
+    used: Bools
+    residual_px: Floats
+    residual_depth: Floats
+    weight_px: Floats
+    weight_depth: Floats
     fixed_frame: int
     descent: Descent
 
 
 def bundle_adjust(
-    T_world_cam: Array,
+    T_world_cam: Floats,
     frame: ArrayLike,
     track: ArrayLike,
-    px_ideal: Array,
-    z_m: Array,
+    px_ideal: Floats,
+    z_m: Floats,
     camera: Camera,
     settings: BundleSettings | None = None,
     jobs: int = 1,
-    points_world: Array | None = None,
+    points_world: Floats | None = None,
 ) -> BundleResult:
     """Refine poses (n, 4, 4) and the points of tracks.
 
@@ -138,8 +136,8 @@ def bundle_adjust(
 
 
 def _checked(
-    T_world_cam: Array, frame: ArrayLike, track: ArrayLike, px: Array, z_m: Array
-) -> tuple[Array, Ints, Ints, Array, Array]:
+    T_world_cam: Floats, frame: ArrayLike, track: ArrayLike, px: Floats, z_m: Floats
+) -> tuple[Floats, Ints, Ints, Floats, Floats]:
     T = np.asarray(T_world_cam, float)
     frame, track = np.asarray(frame, np.int64).reshape(-1), np.asarray(track, np.int64).reshape(-1)
     px, z = np.asarray(px, float).reshape(-1, 2), np.asarray(z_m, float).reshape(-1)
@@ -157,7 +155,7 @@ def _checked(
 
 
 def _kernel_inputs(
-    frame: Ints, track: Ints, n_tracks: int, px: Array, z: Array, camera: Camera, settings: BundleSettings
+    frame: Ints, track: Ints, n_tracks: int, px: Floats, z: Floats, camera: Camera, settings: BundleSettings
 ) -> tuple[Observations, Model]:
     deep = np.isfinite(z)
     depth = np.where(deep, z, 0.0)

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.averaging.graph import components
 from miniloop_cli.geometry.se3 import exp_so3
@@ -16,9 +15,8 @@ from miniloop_cli.refinement.parts import left_shares
 from miniloop_cli.refinement.robust import NAMES, weight_and_curvature
 from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.track_terms import Model, Observations, evaluate_tracks, mark_seen_together
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Part = TypeVar("Part")
 _CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
 _CHUNK_BYTES = 1 << 28
@@ -27,12 +25,12 @@ _TIE = 1e-8  # damping of a covariance: a direction that nothing measures must n
 _LEAST_LEFT = 1e-5  # of what is known of a pose: with less, a single part of the image tells of it
 
 
-def lost(S: Array, count: int) -> Ints:
+def lost(S: Floats, count: int) -> Ints:
     """Poses, whose blocks are the first `count`, that lie where none of their observations says anything."""
     return np.flatnonzero(~S[:count].any(axis=(1, 2)))
 
 
-def _subset(obs: Observations, kept: NDArray[np.bool_]) -> Observations:
+def _subset(obs: Observations, kept: Bools) -> Observations:
     """The observations that are kept (k,); a track may have none left."""
     start = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])[obs.start]
     return Observations(start, *(column[kept] for column in obs[1:]))
@@ -41,7 +39,7 @@ def _subset(obs: Observations, kept: NDArray[np.bool_]) -> Observations:
 class Bundle:
     """Poses R (n, 3, 3), t (n, 3), points X (p, 3), and the last proposal."""
 
-    def __init__(self, obs: Observations, model: Model, R: Array, t: Array, X: Array, jobs: int) -> None:
+    def __init__(self, obs: Observations, model: Model, R: Floats, t: Floats, X: Floats, jobs: int) -> None:
         self.obs, self.model, self.R, self.t, self.X, self.jobs = obs, model, R, t, X, jobs
         n = len(R)
         together = np.zeros((n, n), bool)
@@ -68,10 +66,10 @@ class Bundle:
     def accept(self) -> None:
         self.R, self.t, self.X = self._proposal
 
-    def reduced(self, obs: Observations, model: Model, damping: float) -> tuple[Array, Array, float]:
+    def reduced(self, obs: Observations, model: Model, damping: float) -> tuple[Floats, Floats, float]:
         """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system, and the cost, of all or part of `obs`."""
 
-        def chunk(low: int, high: int) -> tuple[Array, Array, float]:
+        def chunk(low: int, high: int) -> tuple[Floats, Floats, float]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
             state = (self.R, self.t, self.X)
             return S, g, reduce_tracks(low, high, obs, model, *state, damping, self._table, S, g)
@@ -83,13 +81,13 @@ class Bundle:
         self._mirror(S)
         return S, g, cost
 
-    def evaluate(self) -> tuple[Array, Array]:
+    def evaluate(self) -> tuple[Floats, Floats]:
         """Whitened residuals (k, 3) and robust weights (k, 2) of all observations."""
         residual, weight = np.empty((len(self.obs.frame), 3)), np.empty((len(self.obs.frame), 2))
         evaluate_tracks(self.obs, self.model, self.R, self.t, self.X, residual, weight)
         return residual, weight
 
-    def covariance(self, anchor: Ints, part: Ints) -> Array:
+    def covariance(self, anchor: Ints, part: Ints) -> Floats:
         """(n, 6, 6) marginal covariances of the poses at a minimum, given the anchors of their groups (n,).
 
         Variances are those of the grouped jackknife, by one Newton step without each part (k,): see parts.py.
@@ -127,7 +125,7 @@ class Bundle:
             share.append(max(curvature.sum() / max(weight.sum(), 1e-12), _LEAST_CURVATURE))
         return self.model._replace(curvature_px=float(share[0]), curvature_depth=float(share[1]))
 
-    def _squares(self) -> tuple[tuple[Array, float, int], tuple[Array, float, int]]:
+    def _squares(self) -> tuple[tuple[Floats, float, int], tuple[Floats, float, int]]:
         """Squared residuals in sigmas, scale of the kernel and dimension: of the pixels, and of the depths."""
         residual = self.evaluate()[0]
         seen = np.isfinite(residual[:, 0])
@@ -135,7 +133,7 @@ class Bundle:
         z2 = residual[seen & (self.obs.inverse_sigma_z > 0), 2] ** 2
         return (px2, self.model.c2_px**0.5, 2), (z2, self.model.c2_depth**0.5, 1)
 
-    def _move(self, model: Model, step: Array, damping: float) -> float:
+    def _move(self, model: Model, step: Floats, damping: float) -> float:
         """Propose the pose step (n, 6) and the points that go with it; their cost."""
         R = np.ascontiguousarray(self.R @ exp_so3(step[:, :3]))
         t, X = self.t + np.einsum("nij,nj->ni", self.R, step[:, 3:]), self.X.copy()
@@ -147,7 +145,7 @@ class Bundle:
 
         return sum(self._in_chunks(chunk))
 
-    def _mirror(self, S: Array) -> None:
+    def _mirror(self, S: Floats) -> None:
         diagonal = S[: len(self.R)]
         diagonal[:] = np.triu(diagonal) + np.triu(diagonal, 1).transpose(0, 2, 1)
 

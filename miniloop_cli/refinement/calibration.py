@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
 from miniloop_cli.refinement.gauge import with_own_errors
 from miniloop_cli.refinement.motion import felt_twists, twists
 from miniloop_cli.refinement.timing import Flow, Measurements, Timing, camera_depths, corrected, flow, slopes
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Floats = NDArray[np.float64]
 Twists = tuple[Floats, Floats]
 CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # are plenty for two numbers
 LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
@@ -32,7 +31,7 @@ class MovingCamera:
 
     camera: Camera
     stamps_s: Floats
-    known: NDArray[np.bool_]
+    known: Bools
 
     def path_twists(self, T_world_cam: Floats) -> Twists:
         """Velocities (n, 3) of the path through the poses (n, 4, 4)."""
@@ -155,7 +154,7 @@ def _learned(hessian: Floats, step: Floats, change: Floats) -> Floats:
     return hessian + np.outer(change, change) / curvature - np.outer(old, old) / (step @ old)
 
 
-def in_busiest_run(frame: NDArray[np.int64], length: int) -> NDArray[np.bool_]:
+def in_busiest_run(frame: Ints, length: int) -> Bools:
     """Observations (k,) bool of the `length` consecutive frames that have most of them; frame (k,) ints."""
     until = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.bincount(frame))])
     first = int(np.argmax(until[length:] - until[:-length])) if len(until) > length else 0

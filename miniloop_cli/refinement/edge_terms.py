@@ -12,33 +12,32 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.graph import checked_pairs
 from miniloop_cli.geometry.se3 import project_so3
 from miniloop_cli.refinement.robust import KERNELS, Kernel, robust
-
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats, Ints
 
 
 class Edges(NamedTuple):
     """Edges (m,) from poses i to j: measured R (m, 3, 3), t (m, 3), information (m, 6, 6); kernel, squared scale."""
 
-    i: NDArray[np.int64]
-    j: NDArray[np.int64]
-    R: Array
-    t: Array
-    information: Array
+    i: Ints
+    j: Ints
+    R: Floats
+    t: Floats
+    information: Floats
     kind: int
     c2: float
 
     @property
-    def pairs(self) -> NDArray[np.int64]:
+    def pairs(self) -> Ints:
         """(m, 2) rows (i, j)."""
         return np.stack([self.i, self.j], axis=1)
 
 
-def make_edges(count: int, pairs: ArrayLike, T_j_i: Array, information: Array, kernel: Kernel, scale: float) -> Edges:
+def make_edges(count: int, pairs: ArrayLike, T_j_i: Floats, information: Floats, kernel: Kernel, scale: float) -> Edges:
     """Edges between `count` poses from pairs (m, 2) rows (i, j), T_j_i (m, 4, 4) and information (m, 6, 6).
 
     Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for edges that are none.
@@ -59,7 +58,7 @@ def make_edges(count: int, pairs: ArrayLike, T_j_i: Array, information: Array, k
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def log_rotation(R: Array, w: Array) -> None:
+def log_rotation(R: Floats, w: Floats) -> None:
     """Rotation vector of R (3, 3) into w (3,), by the quaternion: stable at all angles."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     if trace > 0:
@@ -89,7 +88,7 @@ def log_rotation(R: Array, w: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _residual(edges: Edges, e: int, R: Array, t: Array, R_ji: Array, R_E: Array, r: Array, Lr: Array) -> float:
+def _residual(edges: Edges, e: int, R: Floats, t: Floats, R_ji: Floats, R_E: Floats, r: Floats, Lr: Floats) -> float:
     """Squared Mahalanobis residual; R_ji = R_j^T R_i, R_E, r (6,) and Lambda r are left in the arguments."""
     i, j = edges.i[e], edges.j[e]
     for a in range(3):
@@ -112,7 +111,7 @@ def _residual(edges: Edges, e: int, R: Array, t: Array, R_ji: Array, R_E: Array,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _inverse_right_jacobian(w: Array, J: Array) -> None:
+def _inverse_right_jacobian(w: Floats, J: Floats) -> None:
     """I + hat(w) / 2 + (1 - (a / 2) cot(a / 2)) / a^2 hat(w)^2, a = |w| (Chirikjian 2011, (10.86))."""
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     half = np.sqrt(angle2) / 2
@@ -130,7 +129,9 @@ def _inverse_right_jacobian(w: Array, J: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _jacobians(R_meas: Array, t_meas: Array, R_ji: Array, R_E: Array, r: Array, J: Array, Ji: Array, Jj: Array) -> None:
+def _jacobians(
+    R_meas: Floats, t_meas: Floats, R_ji: Floats, R_E: Floats, r: Floats, J: Floats, Ji: Floats, Jj: Floats
+) -> None:
     """Derivatives (6, 6) of r by the steps of i and j; J (3, 3) is scratch. Zeros must already stand in Ji and Jj."""
     _inverse_right_jacobian(r[:3], J)
     for a in range(3):
@@ -151,7 +152,7 @@ def _jacobians(R_meas: Array, t_meas: Array, R_ji: Array, R_E: Array, r: Array, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_product(A: Array, B: Array, weight: float, S: Array, q: int) -> None:
+def _add_product(A: Floats, B: Floats, weight: float, S: Floats, q: int) -> None:
     """S[q] += weight A^T B, all (6, 6)."""
     for a in range(6):
         for k in range(6):
@@ -161,7 +162,7 @@ def _add_product(A: Array, B: Array, weight: float, S: Array, q: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_edges(edges: Edges, block: NDArray[np.int64], R: Array, t: Array, damping: float, S: Array, g: Array) -> float:
+def add_edges(edges: Edges, block: Ints, R: Floats, t: Floats, damping: float, S: Floats, g: Floats) -> float:
     """Add all edges to the blocks S (b, 6, 6) and the gradient g (n, 6); half their robust cost is returned.
 
     `block` (m,) numbers the block of (min(i, j), max(i, j)); the diagonal blocks are 0..n - 1.
@@ -196,7 +197,7 @@ def add_edges(edges: Edges, block: NDArray[np.int64], R: Array, t: Array, dampin
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def evaluate_edges(edges: Edges, R: Array, t: Array, chi2: Array, weight: Array) -> float:
+def evaluate_edges(edges: Edges, R: Floats, t: Floats, chi2: Floats, weight: Floats) -> float:
     """Squared Mahalanobis residuals and robust weights (m,) into the arguments; half the robust cost is returned."""
     R_ji, R_E, r, Lr = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)
     cost = 0.0

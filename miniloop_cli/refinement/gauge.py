@@ -8,13 +8,10 @@ keeps the pose it came with.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.averaging.graph import components
 from miniloop_cli.geometry import se3
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 
 def anchor_of(count: int, pairs: Ints, fixed_frame: int) -> Ints:
@@ -25,18 +22,18 @@ def anchor_of(count: int, pairs: Ints, fixed_frame: int) -> Ints:
     return first[labels]
 
 
-def restoring_motion(T_given: Array, T_refined: Array, anchor: Ints) -> Array:
+def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints) -> Floats:
     """(n, 4, 4) motion of each frame's group that puts its anchor back where it was given."""
     return T_given[anchor] @ se3.inverse(T_refined[anchor])
 
 
-def with_untied(covariance: Array, anchor: Ints, fixed_frame: int) -> Array:
+def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int) -> Floats:
     """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one."""
     untied = anchor != fixed_frame
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
 
 
-def with_own_errors(covariance: Array, T_world_cam: Array, own: Array, fixed_frame: int) -> Array:
+def with_own_errors(covariance: Floats, T_world_cam: Floats, own: Floats, fixed_frame: int) -> Floats:
     """Covariances (n, 6, 6) relative to the fixed frame, with errors added that each frame has by itself.
 
     own (n, 6, 6), of (w, v) in the frame as all of them. The fixed frame has none, by definition: its error is one of

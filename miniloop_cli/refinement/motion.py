@@ -7,15 +7,14 @@ row is taken from a pose of its own, so that the points of a frame tell its velo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
 from miniloop_cli.refinement.parts import PARTS, image_part, left_shares
 from miniloop_cli.refinement.timing import Measurements, Timing
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Floats = NDArray[np.float64]
 MAX_GAP_S = 0.6  # frames farther apart say nothing of the motion at a frame
 # Rotation (rad/s), translation (m/s). How far a hand-held camera's velocity is from the derivative of its path, as
 # measured on real recordings; and how fast it is, where no path tells.
@@ -23,7 +22,7 @@ PATH_SIGMAS, SPEED_SIGMAS = (0.1, 0.05), (0.5, 0.3)
 LEAST_OBSERVATIONS = 20
 
 
-def twists(T_world_cam: Floats, timestamps_s: Floats, known: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
 
     Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero where there
@@ -104,8 +103,8 @@ def _by_twist(H: Floats, prior: Floats, changes: Floats, left: Floats) -> Floats
 
 
 def _frame_systems(
-    rows: NDArray[np.int64],
-    part: NDArray[np.int64],
+    rows: Ints,
+    part: Ints,
     T_cam_world: Floats,
     measured: Measurements,
     adjusted: BundleResult,

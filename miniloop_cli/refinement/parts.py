@@ -10,20 +10,20 @@ and enough to tell a variance.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Floats, Ints
 
 SIDE = 3
 PARTS = SIDE**2
 
 
-def image_part(px: NDArray[np.float64], camera: Camera) -> NDArray[np.int64]:
+def image_part(px: Floats, camera: Camera) -> Ints:
     """In which of the parts 0 to PARTS - 1 each pixel (k, 2) lies; those beyond the image are of the nearest."""
     column, row = np.clip(SIDE * px / (camera.width, camera.height), 0, SIDE - 1).astype(np.int64).T
     return SIDE * row + column
 
 
-def left_shares(part: NDArray[np.int64]) -> NDArray[np.float64]:
+def left_shares(part: Ints) -> Floats:
     """Share (PARTS,) of the measurements that is left without each part: weights of the squared changes."""
     return 1 - np.bincount(part, minlength=PARTS) / max(len(part), 1)

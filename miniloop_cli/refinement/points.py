@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _MIN_PARALLAX_RAD = np.radians(1.0)
 _WEISZFELD_STEPS = 6
 
 
 def initial_points(
-    R_world_cam: Array,
-    t_world_cam: Array,
+    R_world_cam: Floats,
+    t_world_cam: Floats,
     frame: Ints,
     track: Ints,
     n_tracks: int,
-    px: Array,
-    z_m: Array,
+    px: Floats,
+    z_m: Floats,
     camera: Camera,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """(p, 3) world points of the tracks and whether each can be trusted (p,); the others are zero.
 
     Observations are sorted by track; z_m is NaN where there is no depth. With depth: the weighted geometric median of
@@ -53,7 +51,7 @@ def initial_points(
     return X, good
 
 
-def _geometric_medians(points: Array, weight: Array, start: Ints) -> Array:
+def _geometric_medians(points: Floats, weight: Floats, start: Ints) -> Floats:
     """Weighted geometric medians of the groups of rows (k, 3) that begin at `start`."""
     group = np.repeat(np.arange(len(start)), np.diff([*start, len(points)]))
     w = weight * weight
@@ -64,7 +62,7 @@ def _geometric_medians(points: Array, weight: Array, start: Ints) -> Array:
     return centre
 
 
-def _nearest_to_rays(origin: Array, direction: Array, start: Ints) -> tuple[Array, NDArray[np.bool_]]:
+def _nearest_to_rays(origin: Floats, direction: Floats, start: Ints) -> tuple[Floats, Bools]:
     """Least-squares intersections of groups of rays (k, 3), (k, 3) unit, and whether they open wide enough."""
     P = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     A, b = np.add.reduceat(P, start), np.add.reduceat(np.einsum("kij,kj->ki", P, origin), start)

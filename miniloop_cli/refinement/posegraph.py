@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from miniloop_cli.geometry.se3 import exp_so3, pose, project_so3
 from miniloop_cli.refinement.block_system import BlockSystem
@@ -13,8 +13,7 @@ from miniloop_cli.refinement.edge_terms import Edges, add_edges, evaluate_edges,
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
 from miniloop_cli.refinement.lm import Descent, minimise
 from miniloop_cli.refinement.robust import Kernel, noise_gain
-
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,16 @@ class PoseGraphResult:
     (1 where there are no loops to tell).
     """
 
-    T_world_cam: Array
-    covariance: Array | None
-    chi2: Array
-    weights: Array
+    T_world_cam: Floats
+    covariance: Floats | None
+    chi2: Floats
+    weights: Floats
     variance_factor: float
     descent: Descent
 
 
 def refine_pose_graph(
-    T_world_cam: Array, pairs: ArrayLike, T_j_i: Array, information: Array, settings: PoseGraphSettings | None = None
+    T_world_cam: Floats, pairs: ArrayLike, T_j_i: Floats, information: Floats, settings: PoseGraphSettings | None = None
 ) -> PoseGraphResult:
     """Minimise sum rho(r^T Lambda r) over the poses (n, 4, 4), beginning at those given.
 
@@ -87,7 +86,7 @@ def refine_pose_graph(
     return PoseGraphResult(refined, covariance, chi2, weights, factor, descent)
 
 
-def _variance_factor(chi2: Array, redundancy: int) -> float:
+def _variance_factor(chi2: Floats, redundancy: int) -> float:
     """How much larger than promised residuals are, by their median (chi-square of 6 degrees of freedom has 5.348).
 
     The median, so that wrong edges do not count as noise; fitting has shrunk it by the share of the poses.
@@ -98,7 +97,7 @@ def _variance_factor(chi2: Array, redundancy: int) -> float:
 class _PoseGraph:
     """The state of the descent: poses (relative to their mean position), and the last proposal."""
 
-    def __init__(self, T: Array, edges: Edges) -> None:
+    def __init__(self, T: Floats, edges: Edges) -> None:
         self.edges = edges
         self.origin = T[:, :3, 3].mean(axis=0)
         self.R, self.t = np.ascontiguousarray(project_so3(T[:, :3, :3])), T[:, :3, 3] - self.origin
@@ -107,7 +106,7 @@ class _PoseGraph:
         self.block = self.system.block_of(edges.i, edges.j)
         self._proposal = (self.R, self.t)
 
-    def hessian(self, damping: float) -> tuple[Array, Array, float]:
+    def hessian(self, damping: float) -> tuple[Floats, Floats, float]:
         """Blocks (b, 6, 6), gradient (n, 6) and cost at the present poses."""
         S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
         return S, g, add_edges(self.edges, self.block, self.R, self.t, damping, S, g)

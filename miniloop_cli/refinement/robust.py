@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
+
 Kernel = Literal["none", "cauchy", "geman-mcclure"]
 KERNELS: dict[Kernel, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
 NAMES = {number: name for name, number in KERNELS.items()}
@@ -26,7 +26,7 @@ def robust(kind: int, s: float, c2: float) -> tuple[float, float]:
     return s * w, w * w
 
 
-def weight_and_curvature(kernel: Kernel, s: Array, scale: float, dimension: int) -> tuple[Array, Array]:
+def weight_and_curvature(kernel: Kernel, s: Floats, scale: float, dimension: int) -> tuple[Floats, Floats]:
     """rho'(s), and the mean over directions of the second derivative of rho(|r|^2)/2 by a residual r of `dimension`.
 
     The curvature, rho' + 2 s rho''/dimension, is what the minimum answers to noise with.

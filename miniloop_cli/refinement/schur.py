@@ -14,14 +14,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.track_terms import Model, Observations, camera_point, observation_cost, observation_terms
+from miniloop_cli.typing import Floats
 
-Array = NDArray[np.float64]
 _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_point_terms(
-    V: Array, g: Array, M: Array, R: Array, f: int, terms: tuple[float, float, float, float, float, float, float, float]
+    V: Floats,
+    g: Floats,
+    M: Floats,
+    R: Floats,
+    f: int,
+    terms: tuple[float, float, float, float, float, float, float, float],
 ) -> None:
     """V (upper triangle) += R A R^T, g += R a, M = A R^T."""
     a0, a1, a2, A00, A11, A02, A12, A22 = terms
@@ -37,7 +42,7 @@ def add_point_terms(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, float, float]:
+def cholesky3(V: Floats, damping: float) -> tuple[float, float, float, float, float, float]:
     """1/L00, L10, L20, 1/L11, L21, 1/L22 of V + damping diag(V) + prior."""
     grow = 1.0 + damping
     i0 = 1.0 / np.sqrt(V[0, 0] * grow + _POINT_PRIOR)
@@ -50,8 +55,8 @@ def cholesky3(V: Array, damping: float) -> tuple[float, float, float, float, flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_pose_terms(
-    S: Array,
-    g: Array,
+    S: Floats,
+    g: Floats,
     f: int,
     x: float,
     y: float,
@@ -99,13 +104,13 @@ def reduce_tracks(
     high: int,
     obs: Observations,
     model: Model,
-    R: Array,
-    t: Array,
-    X: Array,
+    R: Floats,
+    t: Floats,
+    X: Floats,
     damping: float,
     table: NDArray[np.uint32],
-    S: Array,
-    g: Array,
+    S: Floats,
+    g: Floats,
 ) -> float:
     """Add the tracks low..high - 1 to the reduced system; half their robust cost is returned.
 
@@ -171,14 +176,14 @@ def step_tracks(
     high: int,
     obs: Observations,
     model: Model,
-    R: Array,
-    t: Array,
-    X: Array,
+    R: Floats,
+    t: Floats,
+    X: Floats,
     damping: float,
-    step: Array,
-    R_new: Array,
-    t_new: Array,
-    X_new: Array,
+    step: Floats,
+    R_new: Floats,
+    t_new: Floats,
+    X_new: Floats,
 ) -> float:
     """Back-substitute the pose step (n, 6) into the points (to X_new); half the robust cost of the new state."""
     V, g, M = np.empty((3, 3)), np.empty(3), np.empty((3, 3))

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Floats, Ints
 
 if TYPE_CHECKING:  # a run that finds refined poses in the store needs no bundle adjustment
     from miniloop_cli.refinement.bundle import BundleResult
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.robust import robust
+from miniloop_cli.typing import Bools, Floats, Ints
 
-Array = NDArray[np.float64]
 _NEAR_M = 0.02  # a point nearer than this (or behind) has no useful projection
 _BEHIND = 1e4  # its squared residual: constant, so it neither pulls nor pays
 
@@ -36,15 +36,15 @@ class Model(NamedTuple):
 class Observations(NamedTuple):
     """Track p owns rows start[p]..start[p + 1] - 1, by frame. Depth and its 1/sigma are 0 where there is none."""
 
-    start: NDArray[np.int64]
+    start: Ints
     frame: NDArray[np.uint32]
-    px: Array
-    z: Array
-    inverse_sigma_z: Array
+    px: Floats
+    z: Floats
+    inverse_sigma_z: Floats
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def camera_point(R: Array, t: Array, f: int, X: Array, p: int) -> tuple[float, float, float]:
+def camera_point(R: Floats, t: Floats, f: int, X: Floats, p: int) -> tuple[float, float, float]:
     a, b, c = X[p, 0] - t[f, 0], X[p, 1] - t[f, 1], X[p, 2] - t[f, 2]
     return (
         R[f, 0, 0] * a + R[f, 1, 0] * b + R[f, 2, 0] * c,
@@ -95,7 +95,7 @@ def observation_terms(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_tracks(
-    obs: Observations, model: Model, R: Array, t: Array, X: Array, residual: Array, weight: Array
+    obs: Observations, model: Model, R: Floats, t: Floats, X: Floats, residual: Floats, weight: Floats
 ) -> None:
     """Whitened residuals (k, 3) [u, v, depth] and robust weights (k, 2) [pixel, depth]; NaN and 0 behind the camera."""
     for p in range(len(obs.start) - 1):
@@ -111,7 +111,7 @@ def evaluate_tracks(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark_seen_together(obs: Observations, together: NDArray[np.bool_]) -> None:
+def mark_seen_together(obs: Observations, together: Bools) -> None:
     """Set together[i, j], i < j, of (n, n) for frames that share a track."""
     for p in range(len(obs.start) - 1):
         for k in range(obs.start[p], obs.start[p + 1]):

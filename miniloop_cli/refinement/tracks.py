@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Ints
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from collections import Counter
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.pictures.images import data_uri, png
 from miniloop_cli.report.data import Edges, Frames, ReportData
 from miniloop_cli.report.svg import Chart, limits, wrap
 from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.typing import Bools, Ints
 
-Floats = NDArray[np.float64]
 # Columns of the horizontal and vertical axis and the sign of the latter: z is up in a motion-capture world, the
 # first camera has y down and z forward.
 WORLD_VIEWS = {"Top view (x, y)": (0, 1, 1), "Side view (x, z)": (0, 2, 1)}
@@ -33,7 +32,7 @@ def named(solver: str) -> str:
     return ("pair" if scans == 2 else f"{scans}-cycle") + (", known vertical" if solver.startswith("planar") else "")
 
 
-def frame_numbers(frames: Frames, trajectory: Trajectory) -> NDArray[np.int64]:
+def frame_numbers(frames: Frames, trajectory: Trajectory) -> Ints:
     """(n,) number of the frame of every pose, by the nearest stamp."""
     from miniloop_cli.evaluation.association import nearest
 
@@ -85,7 +84,7 @@ def overlap_matrix(edges: Edges, n: int) -> str:
     return chart.svg()
 
 
-def overlap_graph(edges: Edges, n: int, registered: NDArray[np.bool_]) -> str:
+def overlap_graph(edges: Edges, n: int, registered: Bools) -> str:
     """Frames around a circle in order of time, edges as chords in the colour of the cycle that solved them."""
     size, radius = 460, 200
     angle = 2 * np.pi * np.arange(n) / max(n, 1)

@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.results import Results, column
 from miniloop_cli.scans.sequence import Sequence
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from miniloop_cli.typing import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -38,12 +35,12 @@ class Edges:
         return len(self.i)
 
     @cached_property
-    def rejected(self) -> NDArray[np.bool_]:
+    def rejected(self) -> Bools:
         """(m,) whether an edge was rejected."""
         return np.array([text == "rejected" for text in self.verdict], bool)
 
     @cached_property
-    def verified(self) -> NDArray[np.bool_]:
+    def verified(self) -> Bools:
         """(m,) whether an edge belongs to the graph that the poses rest on."""
         return np.array([text in ("verified", "") for text in self.verdict], bool)
 
@@ -76,7 +73,7 @@ class Frames:
     median_depth_m: Floats
     sigma_rot_deg: Floats
     sigma_trans_m: Floats
-    registered: NDArray[np.bool_]
+    registered: Bools
     component: list[str]
     reason: list[str]
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 def ticks(low: float, high: float, count: int = 5) -> list[float]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report.data import Edges, ReportData
+from miniloop_cli.typing import Floats, Ints
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
@@ -125,7 +125,7 @@ def _of_priors(note: Any) -> bool:
     return isinstance(note, str) and note.startswith(("gravity ", "rough poses "))
 
 
-def left_out(data: ReportData) -> list[tuple[str, NDArray[np.int64]]]:
+def left_out(data: ReportData) -> list[tuple[str, Ints]]:
     """(reason, frame numbers) of the frames without a pose, the most frequent reason first."""
     reasons: dict[str, list[int]] = {}
     for k in np.flatnonzero(~data.frames.registered).tolist():
@@ -196,12 +196,12 @@ def _why_rejected(edges: Edges) -> str:
     return f"{share}, most for too few matches that agree: record more slowly, with more overlap from frame to frame."
 
 
-def _median(values: NDArray[np.float64]) -> float:
+def _median(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def runs(numbers: NDArray[np.int64], most: int = 12) -> str:
+def runs(numbers: Ints, most: int = 12) -> str:
     """Sorted whole numbers as "3, 7–9, 12", cut off after `most` runs."""
     groups = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [f"{g[0]}" if len(g) == 1 else f"{g[0]}–{g[-1]}" for g in groups[:most]]

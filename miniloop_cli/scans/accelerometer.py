@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans.association import parse_stamp
 from miniloop_cli.scans.paths import read_lines, shown
+from miniloop_cli.typing import Floats
 
-Floats = NDArray[np.float64]
 WINDOW_S = 0.15  # standard deviation of the low pass: the hand's own accelerations nearly average out
 NEAREST_S = 0.1  # a frame farther from any reading has no vertical
 

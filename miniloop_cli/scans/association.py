@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.scans.paths import inside, list_images, read_lines, shown
+from miniloop_cli.typing import Floats, Ints
 
 MAX_DIFFERENCE_S = 0.02
 MAX_STAMP_S = 1e12
@@ -60,10 +60,10 @@ def stamped_images(root: Path, folder: str) -> list[tuple[float, Path]]:
 
 
 def associate(
-    first_s: Sequence[float] | NDArray[np.float64],
-    second_s: Sequence[float] | NDArray[np.float64],
+    first_s: Sequence[float] | Floats,
+    second_s: Sequence[float] | Floats,
     max_difference_s: float = MAX_DIFFERENCE_S,
-) -> NDArray[np.int64]:
+) -> Ints:
     """One-to-one association of two sorted lists of stamps: (m, 2) indices, sorted by the first.
 
     All pairs within `max_difference_s` are taken in the order of their difference, each stamp at most once

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class DepthNoise:
     b_per_m: float = 0.0019
     z0_m: float = 0.4
 
-    def sigma_m(self, z_m: Array) -> Array:
+    def sigma_m(self, z_m: Floats) -> Floats:
         """Standard deviation (m) at depths z_m (m), any shape."""
         return self.a_m + self.b_per_m * (np.asarray(z_m, float) - self.z0_m) ** 2
 
@@ -39,11 +38,11 @@ class Camera:
     source: str = "given"
 
     @property
-    def K(self) -> Array:
+    def K(self) -> Floats:
         """(3, 3) calibration matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
-    def undistort(self, px: Array) -> Array:
+    def undistort(self, px: Floats) -> Floats:
         """(n, 2) measured pixels to the (n, 2) pixels that an ideal pinhole camera of the same K would measure."""
         px = np.asarray(px, float).reshape(-1, 2)
         if not any(self.distortion):
@@ -61,18 +60,18 @@ class Camera:
             ideal = (measured - tangential) / radial[:, None]
         return ideal * focal + centre
 
-    def backproject(self, px_ideal: Array, z_m: Array) -> Array:
+    def backproject(self, px_ideal: Floats, z_m: Floats) -> Floats:
         """(n, 2) undistorted pixels and (n,) depths along the optical axis (m) to (n, 3) points in the camera frame."""
         z = np.asarray(z_m, float)
         return np.stack([(px_ideal[:, 0] - self.cx) / self.fx * z, (px_ideal[:, 1] - self.cy) / self.fy * z, z], axis=1)
 
-    def project(self, p_cam: Array) -> Array:
+    def project(self, p_cam: Floats) -> Floats:
         """(n, 3) points in the camera frame (m, z > 0) to (n, 2) undistorted pixels."""
         return np.stack(
             [self.fx * p_cam[:, 0] / p_cam[:, 2] + self.cx, self.fy * p_cam[:, 1] / p_cam[:, 2] + self.cy], axis=1
         )
 
-    def point_covariance(self, p_cam: Array, pixel_sigma_px: float = 0.8) -> Array:
+    def point_covariance(self, p_cam: Floats, pixel_sigma_px: float = 0.8) -> Floats:
         """(n, 3, 3) covariance (m^2) of (n, 3) back-projected points.
 
         C = (2 sigma_z)^2 r r^T + (pixel_sigma z / f)^2 diag(1, 1, 0), r = x / z: depth noise acts along the ray,

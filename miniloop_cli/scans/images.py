@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError, out_of_memory
 from miniloop_cli.scans.paths import read_bytes
+from miniloop_cli.typing import Bools, Bytes
 
 MAX_PIXELS = 40_000_000
 MAX_IMAGE_BYTES = 256 << 20
@@ -123,7 +124,7 @@ def _decode(data: bytes, flags: int) -> NDArray:
     return image
 
 
-def read_color(path: Path) -> NDArray[np.uint8]:
+def read_color(path: Path) -> Bytes:
     """(h, w, 3) uint8 RGB of a PNG or JPEG file, as stored: an EXIF orientation is left alone, as depth has none.
 
     Raises InputError (reason only, the caller knows the frame) for a file that is missing, broken or too large.
@@ -158,6 +159,6 @@ def read_depth(path: Path) -> NDArray[np.uint16]:
     return depth
 
 
-def read_mask(path: Path) -> NDArray[np.bool_]:
+def read_mask(path: Path) -> Bools:
     """(h, w) bool of a mask image: True = ignore, where any channel is not 0. Raises InputError."""
     return read_color(path).any(axis=2)

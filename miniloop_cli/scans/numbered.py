@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
@@ -18,6 +17,7 @@ from miniloop_cli.scans.camera import Camera
 from miniloop_cli.scans.intrinsics import load_camera
 from miniloop_cli.scans.paths import IMAGE_SUFFIXES, list_images, read_bytes, read_lines, shown
 from miniloop_cli.scans.sequence import Frame, Trajectory
+from miniloop_cli.typing import Floats
 
 RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
 MAX_JSON_BYTES = 64 << 20
@@ -68,7 +68,7 @@ def given_camera(root: Path, camera_path: Path | None) -> Camera | None:
     return None
 
 
-def read_matrix(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]:
+def read_matrix(path: Path, shape: tuple[int, int]) -> Floats:
     """A matrix of numbers, row by row in a text file; NaN and infinity allowed. Raises InputError naming the file."""
     try:
         values = [float(text) for _, line in read_lines(path) for text in line.replace(",", " ").split()]
@@ -92,7 +92,7 @@ def read_json(path: Path) -> dict[str, Any]:
     return data
 
 
-def numbers(value: Any, count: int, where: str) -> NDArray[np.float64]:
+def numbers(value: Any, count: int, where: str) -> Floats:
     """A (nested) JSON list of `count` numbers as a flat array. Raises InputError naming `where`."""
     try:
         array = np.asarray(value, float).ravel()
@@ -103,7 +103,7 @@ def numbers(value: Any, count: int, where: str) -> NDArray[np.float64]:
     return array
 
 
-def usable_pose(T: NDArray[np.float64], where: str) -> NDArray[np.float64] | None:
+def usable_pose(T: Floats, where: str) -> Floats | None:
     """A (4, 4) pose with an exact rotation; None where it is not finite, which marks a frame without a pose.
 
     Raises InputError naming `where` if it is no rigid transformation.
@@ -116,7 +116,7 @@ def usable_pose(T: NDArray[np.float64], where: str) -> NDArray[np.float64] | Non
     return se3.pose(se3.project_so3(R), T[:3, 3])
 
 
-def trajectory_of(poses: Mapping[float, NDArray[np.float64] | None], where: str) -> Trajectory:
+def trajectory_of(poses: Mapping[float, Floats | None], where: str) -> Trajectory:
     """Poses by stamp, frames without one left out. Raises InputError naming `where` if none is left."""
     known = {stamp: T for stamp, T in sorted(poses.items()) if T is not None}
     if not known:

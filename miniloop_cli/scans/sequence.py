@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from miniloop_cli.scans.camera import Camera
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,8 @@ class Frame:
 class Trajectory:
     """Poses over time: (n,) seconds, strictly increasing, and (n, 4, 4) camera to world."""
 
-    timestamps_s: NDArray[np.float64]
-    T_world_cam: NDArray[np.float64]
+    timestamps_s: Floats
+    T_world_cam: Floats
 
 
 @dataclass(frozen=True)
@@ -37,9 +35,9 @@ class Scan:
     `mask`, where there is one, is (h, w) bool, True = ignore this pixel; the depth is already 0 there.
     """
 
-    color: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    mask: NDArray[np.bool_] | None = None
+    color: Bytes
+    depth_m: Floats32
+    mask: Bools | None = None
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats
+
 Motion = tuple[float, ...]
 Point = tuple[float, float, float]
 # No fast math: of functions that call each other there are several compiled copies, in which it would give different
@@ -31,7 +30,7 @@ TINY = 1e-150
 
 
 @njit(**OPTIONS)
-def frame_through(points: Array, i: int, j: int) -> tuple[Motion, bool]:
+def frame_through(points: Floats, i: int, j: int) -> tuple[Motion, bool]:
     """Frame of the axis through rows i and j of (k, 3) points: origin in their midpoint, z towards row j.
 
     The second value is False if the points (nearly) coincide or are not finite. The basis is Duff et al.,
@@ -50,13 +49,13 @@ def frame_through(points: Array, i: int, j: int) -> tuple[Motion, bool]:
 
 
 @njit(**OPTIONS, inline="always")
-def axis_frame(points: Array, i: int) -> tuple[Motion, bool]:
+def axis_frame(points: Floats, i: int) -> tuple[Motion, bool]:
     """`frame_through` rows i and i+1: the two matches that an edge of a cycle gives."""
     return frame_through(points, i, i + 1)
 
 
 @njit(**OPTIONS)
-def aligned(frame: Motion, points: Array, i: int) -> Point:
+def aligned(frame: Motion, points: Floats, i: int) -> Point:
     """Coordinates in `frame` of row i of (k, 3) points."""
     x, y, z = points[i, 0] - frame[9], points[i, 1] - frame[10], points[i, 2] - frame[11]
     return (
@@ -168,7 +167,7 @@ def unit(z: complex) -> tuple[complex, bool]:
 
 
 @njit(**OPTIONS)
-def write_edge(T: Array, s: int, e: int, H: Motion, G: Motion, cos: float, sin: float) -> None:
+def write_edge(T: Floats, s: int, e: int, H: Motion, G: Motion, cos: float, sin: float) -> None:
     """T[s, e] = [R | t] of G^-1 L(angle) H."""
     for k in range(3):
         gx, gy, gz = G[k], G[3 + k], G[6 + k]

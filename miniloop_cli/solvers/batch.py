@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-
-Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from miniloop_cli.typing import Floats, Ints
 
 
 def edges_of(matches: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -26,8 +23,8 @@ def edges_of(matches: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 def run_batch(
-    solve_all: Callable, matches: tuple[int, ...], solutions: int, p: Array, q: Array, *options: float
-) -> tuple[Array, Counts]:
+    solve_all: Callable, matches: tuple[int, ...], solutions: int, p: Floats, q: Floats, *options: float
+) -> tuple[Floats, Ints]:
     """Solutions T (b, solutions, n-1, 3, 4) and their counts (b,) of b samples p, q (b, k, 3); unused slots are zero.
 
     `solve_all(p, q, T, counts, *options)` is the compiled loop of a solver. Raises MiniloopError if a shape is wrong.
@@ -41,7 +38,7 @@ def run_batch(
     return T, counts
 
 
-def run_single(solve_batch: Callable, matches: tuple[int, ...], p: Array, q: Array, best: bool) -> Array:
+def run_single(solve_batch: Callable, matches: tuple[int, ...], p: Floats, q: Floats, best: bool) -> Floats:
     """Solutions (s, n-1, 4, 4) of one sample p, q (k, 3); with `best` only the one of least residual, if any."""
     T, counts = solve_batch(np.asarray(p, float)[None], np.asarray(q, float)[None])
     poses = se3.pose(T[0, : counts[0], ..., :3], T[0, : counts[0], ..., 3])
@@ -51,7 +48,7 @@ def run_single(solve_batch: Callable, matches: tuple[int, ...], p: Array, q: Arr
     return poses
 
 
-def match_residuals(poses: Array, p: Array, q: Array, matches: tuple[int, ...]) -> Array:
+def match_residuals(poses: Floats, p: Floats, q: Floats, matches: tuple[int, ...]) -> Floats:
     """Distances (..., k) of p, moved along the chain, from q: poses (..., n-1, 4, 4), p and q (..., k, 3) or (k, 3)."""
     chain = [poses[..., e, :, :] for e in range(poses.shape[-3])]
     if len(matches) > 1:

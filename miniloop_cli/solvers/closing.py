@@ -11,7 +11,8 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, Point, apply, unapply
+from miniloop_cli.solvers.alignment import OPTIONS, Motion, Point, apply, unapply
+from miniloop_cli.typing import Floats
 
 STEPS = 2
 # Longest step of an angle, as a tangent: farther the linearisation means nothing.
@@ -34,7 +35,7 @@ def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Poin
 
 @njit(**OPTIONS)
 def _closing_error(
-    K2: Motion, K3: Motion, K4: Motion, p: Point, q: Point, angles: Array, J: Array, r: Array, i: int
+    K2: Motion, K3: Motion, K4: Motion, p: Point, q: Point, angles: Floats, J: Floats, r: Floats, i: int
 ) -> None:
     """Rows i .. i+2 of the error r of one closing match (m, in the frame before the turn g) and of its derivative J.
 
@@ -62,7 +63,7 @@ def _closing_error(
 
 
 @njit(**OPTIONS)
-def _least_squares(J: Array, r: Array, A: Array) -> None:
+def _least_squares(J: Floats, r: Floats, A: Floats) -> None:
     """r[:4] becomes the step -(J^T J)^-1 J^T r, J (6, 4), r (6,), A (4, 5) scratch; damped where J^T J is singular."""
     trace = 0.0
     for i in range(4):
@@ -95,7 +96,7 @@ def _least_squares(J: Array, r: Array, A: Array) -> None:
 
 @njit(**OPTIONS)
 def close_loop(
-    K2: Motion, K3: Motion, K4: Motion, p: tuple[Point, Point], q: tuple[Point, Point], angles: Array, work: Array
+    K2: Motion, K3: Motion, K4: Motion, p: tuple[Point, Point], q: tuple[Point, Point], angles: Floats, work: Floats
 ) -> float:
     """Improve the angles (8,), see `_closing_error`; work (>= 12, >= 8): scratch; returns the squares (m^2) left."""
     J, A, r, before = work[0:6], work[6:10], work[10], work[11]

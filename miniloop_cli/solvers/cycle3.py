@@ -24,7 +24,6 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    Array,
     aligned,
     at,
     axis_frame,
@@ -36,8 +35,9 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.polynomials import NEARLY_REAL
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 1)
 MAX_SOLUTIONS = 2
@@ -88,7 +88,7 @@ def nearest_on_circle(
 
 
 @njit(**OPTIONS)
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (5, 3) matches of the edges 1-2, 2-3 (two each), 1-3; T (2, 2, 3, 4) gets 1 -> 2 -> 3; returns 0 to 2."""
     H1, good_h1 = axis_frame(p, 0)
     G2, good_g2 = axis_frame(q, 0)
@@ -119,16 +119,16 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve(p[i], q[i], T[i])
 
 
-def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
     """Samples p, q (b, 5, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
 
 
-def cycle3(p: Array, q: Array, best: bool = False) -> Array:
+def cycle3(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Scans 1 -> 2 -> 3 as (s, 2, 4, 4), s <= 2, from matches p, q (5, 3) of 1-2, 2-3 (two each), 1-3."""
     return run_single(solve_batch, MATCHES, p, q, best)

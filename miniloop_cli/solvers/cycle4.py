@@ -23,7 +23,6 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    Array,
     Motion,
     Point,
     aligned,
@@ -40,8 +39,9 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 1)
 MAX_SOLUTIONS = 4
@@ -50,7 +50,7 @@ SINGULAR = 1e-9
 
 
 @njit(**OPTIONS)
-def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Array, nearly_real: float) -> int:
+def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Floats, nearly_real: float) -> int:
     """Angles that close the loop, q = L(g) K3 L(b) K2 L(a) p: rows cos a, sin a, cos b, .. of memory[3:7]; how many."""
     vx, vy, vz = turned(K2, 0, p), turned(K2, 1, p), turned(K2, 2, p)
     vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], p)
@@ -87,7 +87,7 @@ def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Array, nearly_rea
 
 
 @njit(**OPTIONS)
-def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
     H1, good_h1 = axis_frame(p, 0)
     G2, good_g2 = axis_frame(q, 0)
@@ -118,7 +118,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS, inline="always")
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (7, 3) matches of the edges 1-2, 2-3, 3-4 (two each) and 1-4; T (4, 3, 3, 4) receives 1 -> 2 -> 3 -> 4.
 
     Returns the number of solutions, 0 to 4.
@@ -127,17 +127,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
 
 
-def solve_batch(p: Array, q: Array, nearly_real: float = NEARLY_REAL) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats, nearly_real: float = NEARLY_REAL) -> tuple[Floats, Ints]:
     """Samples p, q (b, 7, 3) to solutions T (b, 4, 3, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
 
 
-def cycle4(p: Array, q: Array, best: bool = False) -> Array:
+def cycle4(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 3, 4, 4) of scans 1 -> 2 -> 3 -> 4 from matches p, q (7, 3) of 1-2, 2-3, 3-4 (two each), 1-4.
 
     `best` keeps the one of least residual, which on exact data is an arbitrary one: no match is redundant.

@@ -30,7 +30,6 @@ from numba import njit
 
 from miniloop_cli.solvers.alignment import (
     OPTIONS,
-    Array,
     Motion,
     Point,
     aligned,
@@ -46,11 +45,12 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.closing import close_loop, equidistant
 from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
 from miniloop_cli.solvers.ring import read_from, write_back
 from miniloop_cli.solvers.waves import Waves, conj, mix, norm_excess, product, value, waves
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 2, 2)
 MAX_SOLUTIONS = 8
@@ -78,7 +78,7 @@ def _offset(
 
 
 @njit(**OPTIONS)
-def _solve_from_first(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """Like `solve_within`, but -1 if M or M' is singular: then the cycle has to be read from another scan."""
     H1, good_h1 = axis_frame(p, 0)
     G2, good_g2 = axis_frame(q, 0)
@@ -169,7 +169,7 @@ def _solve_from_first(p: Array, q: Array, T: Array, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS)
-def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
     count = _solve_from_first(p, q, T, nearly_real)
     if count < 0:
@@ -185,7 +185,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS, inline="always")
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (10, 3) matches, two each of 1-2, 2-3, 3-4, 4-5, 1-5; T (8, 4, 3, 4) receives 1 -> 2 -> 3 -> 4 -> 5.
 
     Returns the number of solutions, 0 to 8, best closing residual first.
@@ -194,17 +194,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
 
 
-def solve_batch(p: Array, q: Array, nearly_real: float = NEARLY_REAL) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats, nearly_real: float = NEARLY_REAL) -> tuple[Floats, Ints]:
     """Samples p, q (b, 10, 3) to solutions T (b, 8, 4, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
 
 
-def cycle5(p: Array, q: Array, best: bool = False) -> Array:
+def cycle5(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 4, 4, 4) of scans 1 -> .. -> 5, best first, from matches p, q (10, 3), two each of 1-2, .., 1-5.
 
     `best` keeps the one of least residual, on exact data the true one.

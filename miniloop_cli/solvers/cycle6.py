@@ -16,15 +16,16 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, axis_frame, write_edge
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.alignment import OPTIONS, axis_frame, write_edge
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.six_revolute import EXACT, MAX_SOLUTIONS, set_link, solve_chain
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 2, 2, 2)
 
 
 @njit(**OPTIONS, inline="always")
-def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """Like `solve`; complex pairs within about `nearly_real` (rad) give poses near by that do not quite close."""
     K = np.empty((6, 3, 4))
     for e in range(6):
@@ -45,7 +46,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS, inline="always")
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (12, 3) matches of the edges 1-2 ... 5-6, 1-6, two each; T (16, 5, 3, 4) receives 1 -> 2 -> ... -> 6.
 
     Returns the number of solutions, 0 to 16.
@@ -54,17 +55,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
 
 
-def solve_batch(p: Array, q: Array, nearly_real: float = EXACT) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats, nearly_real: float = EXACT) -> tuple[Floats, Ints]:
     """Samples p, q (b, 12, 3) to solutions T (b, 16, 5, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
 
 
-def cycle6(p: Array, q: Array, best: bool = False) -> Array:
+def cycle6(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 5, 4, 4) of scans 1 -> ... -> 6 from matches p, q (12, 3) of 1-2 ... 5-6, 1-6, two each.
 
     `best` keeps the one of least residual, which is an arbitrary one: no match is redundant, all solutions close alike.

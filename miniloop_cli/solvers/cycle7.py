@@ -17,15 +17,16 @@ import numpy as np
 from numba import njit
 
 from miniloop_cli.solvers import pairwise
-from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, axis_frame, write_edge
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.alignment import OPTIONS, Motion, axis_frame, write_edge
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.six_revolute import EXACT, MAX_SOLUTIONS, set_link, solve_chain
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 2, 2, 2, 3)
 
 
 @njit(**OPTIONS)
-def _seen_from_before(G: Motion, C: Array) -> Motion:
+def _seen_from_before(G: Motion, C: Floats) -> Motion:
     """The frame G C in scan 1, for a frame G in scan 7 and C (3, 4) from scan 1 to scan 7."""
     x, y, z = G[9] - C[0, 3], G[10] - C[1, 3], G[11] - C[2, 3]
     return (
@@ -45,7 +46,7 @@ def _seen_from_before(G: Motion, C: Array) -> Motion:
 
 
 @njit(**OPTIONS, inline="always")
-def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
+def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """Like `solve`; complex pairs within about `nearly_real` (rad) give poses near by that do not quite close."""
     closing = np.empty((1, 1, 3, 4))
     if pairwise.solve(p[12:], q[12:], closing) == 0:
@@ -69,7 +70,7 @@ def solve_within(p: Array, q: Array, T: Array, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS, inline="always")
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (15, 3) matches of the edges 1-2 ... 6-7, two each, and three of 1-7; returns the number of solutions.
 
     T (16, 6, 3, 4) receives 1 -> 2 -> ... -> 7.
@@ -78,17 +79,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts, nearly_real: float) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
 
 
-def solve_batch(p: Array, q: Array, nearly_real: float = EXACT) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats, nearly_real: float = EXACT) -> tuple[Floats, Ints]:
     """Samples p, q (b, 15, 3) to solutions T (b, 16, 6, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
 
 
-def cycle7(p: Array, q: Array, best: bool = False) -> Array:
+def cycle7(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 6, 4, 4) of scans 1 -> ... -> 7 from p, q (15, 3), two matches each of 1-2 ... 6-7, three of 1-7.
 
     `best` keeps the one of least residual, which is an arbitrary one: no match is redundant, all solutions close alike.

@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, aligned, frame_through, off_axis, unit, write_edge
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.alignment import OPTIONS, aligned, frame_through, off_axis, unit, write_edge
+from miniloop_cli.solvers.batch import run_batch, run_single
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (3,)
 MAX_SOLUTIONS = 1
 
 
 @njit(**OPTIONS)
-def _third(p: Array) -> int:
+def _third(p: Floats) -> int:
     """The corner of the triangle p (3, 3) that lies opposite its longest side."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(3):
@@ -30,7 +31,7 @@ def _third(p: Array) -> int:
 
 
 @njit(**OPTIONS)
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (3, 3) matches of scan 1 and scan 2; T (1, 1, 3, 4) receives scan 1 -> scan 2; returns 0 or 1."""
     k = _third(p)
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -45,16 +46,16 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve(p[i], q[i], T[i])
 
 
-def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
     """Samples p, q (b, 3, 3) to solutions T (b, 1, 1, 3, 4) and counts (b,), one thread."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
 
 
-def pairwise(p: Array, q: Array, best: bool = False) -> Array:
+def pairwise(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Scan 1 -> scan 2 as (1, 1, 4, 4), or (0, 1, 4, 4), from matches p, q (3, 3)."""
     return run_single(solve_batch, MATCHES, p, q, best)

@@ -12,16 +12,17 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, unit
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.alignment import OPTIONS, unit
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.upright import finite, rise, turns_reaching, write_upright, xy
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (1, 1, 1)
 MAX_SOLUTIONS = 2
 
 
 @njit(**OPTIONS)
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (3, 3) matches of 1-2, 2-3, 1-3; T (2, 2, 3, 4) receives 1 -> 2 -> 3; returns 0 to 2."""
     a, b, t = xy(p, 2) - xy(p, 0), xy(q, 2) - xy(q, 1), xy(q, 0) - xy(p, 1)
     first, second, found = turns_reaching(t, a, abs(b))
@@ -39,17 +40,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve(p[i], q[i], T[i])
 
 
-def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
     """Samples p, q (b, 3, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
 
 
-def planar3(p: Array, q: Array, best: bool = False) -> Array:
+def planar3(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 2, 4, 4) of scans 1 -> 2 -> 3 from matches p, q (3, 3) of 1-2, 2-3, 1-3; z is vertical.
 
     `best` keeps the one of least residual, an arbitrary one: both fit equally well.

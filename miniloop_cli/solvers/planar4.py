@@ -14,16 +14,17 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, unit
-from miniloop_cli.solvers.batch import Counts, run_batch, run_single
+from miniloop_cli.solvers.alignment import OPTIONS, unit
+from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.upright import finite, rise, turns_reaching, write_upright, xy
+from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (1, 1, 1, 2)
 MAX_SOLUTIONS = 2
 
 
 @njit(**OPTIONS)
-def solve(p: Array, q: Array, T: Array) -> int:
+def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (5, 3) matches of 1-2, 2-3, 3-4, then two of 1-4; T (2, 3, 3, 4) gets 1 -> 2 -> 3 -> 4; returns 0 to 2."""
     t2, t3 = xy(q, 0) - xy(p, 1), xy(q, 1) - xy(p, 2)
     hand, good_hand = unit((xy(p, 4) - xy(p, 3)).conjugate() * (xy(q, 4) - xy(q, 3)))
@@ -46,17 +47,17 @@ def solve(p: Array, q: Array, T: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _solve_all(p: Array, q: Array, T: Array, counts: Counts) -> None:
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
     for i in range(p.shape[0]):
         counts[i] = solve(p[i], q[i], T[i])
 
 
-def solve_batch(p: Array, q: Array) -> tuple[Array, Counts]:
+def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
     """Samples p, q (b, 5, 3) to solutions T (b, 2, 3, 3, 4) and counts (b,), one thread."""
     return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
 
 
-def planar4(p: Array, q: Array, best: bool = False) -> Array:
+def planar4(p: Floats, q: Floats, best: bool = False) -> Floats:
     """Solutions (s, 3, 4, 4) of scans 1 -> .. -> 4 from matches p, q (5, 3) of 1-2, 2-3, 3-4, then two of 1-4.
 
     z is vertical. `best` keeps the one of least residual, an arbitrary one: both fit equally well.

@@ -22,7 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.polynomial import polynomial
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.alignment import OPTIONS
+from miniloop_cli.typing import Floats
 
 # Largest imaginary part, in radians, of a root that is still reported by its real part.
 NEARLY_REAL = 0.2
@@ -35,7 +36,7 @@ TURN = np.exp(2j * np.pi * np.arange(SAMPLES) / SAMPLES)
 COS, SIN = TURN.real.copy(), TURN.imag.copy()
 
 
-def _tables(d: int) -> tuple[Array, Array]:
+def _tables(d: int) -> tuple[Floats, Floats]:
     """Fourier coefficients (C_0, C_1, S_1, C_2 ...) to the 2d+1 powers of t, and to Bernstein coefficients on [-1, 1].
 
     From e^{ia} = (1 + it) / (1 - it): (1 + t^2)^d e^{ika} = (1 + it)^(d+k) (1 - it)^(d-k).
@@ -60,7 +61,7 @@ for _d in (2, 4):
 
 
 @njit(**OPTIONS)
-def _bracketed(a: Array, n: int, lo: float, hi: float, f_lo: float) -> float:
+def _bracketed(a: Floats, n: int, lo: float, hi: float, f_lo: float) -> float:
     """Zero of the polynomial a[0] + .. + a[n] t^n in [lo, hi], over which its sign changes once; f_lo: value at lo."""
     t = 0.5 * (lo + hi)
     for _ in range(64):
@@ -82,7 +83,7 @@ def _bracketed(a: Array, n: int, lo: float, hi: float, f_lo: float) -> float:
 
 
 @njit(**OPTIONS)
-def _extrema(b: Array, n: int, a: Array, work: Array, out: Array) -> int:
+def _extrema(b: Floats, n: int, a: Floats, work: Floats, out: Floats) -> int:
     """Zeros in [-1, 1] of F' in ascending order; b: its n+1 Bernstein coefficients, a: its powers; returns how many.
 
     `work` (DEPTH+2, >= n+3) is the stack of intervals still to be looked at: coefficients and, in the last two
@@ -125,7 +126,7 @@ def _extrema(b: Array, n: int, a: Array, work: Array, out: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _horner(a: Array, n: int, t: float) -> float:
+def _horner(a: Floats, n: int, t: float) -> float:
     f = a[n]
     for i in range(n - 1, -1, -1):
         f = f * t + a[i]
@@ -133,7 +134,7 @@ def _horner(a: Array, n: int, t: float) -> float:
 
 
 @njit(**OPTIONS)
-def _roots_on_half(f: Array, d: int, nearly_real: float, work: Array, out: Array) -> int:
+def _roots_on_half(f: Floats, d: int, nearly_real: float, work: Floats, out: Floats) -> int:
     """Roots t in [-1, 1] of (1 + t^2)^d f(2 atan t) into out; returns how many."""
     n = 2 * d
     a, da, db, breaks = work[0], work[1], work[2], work[3]
@@ -171,7 +172,7 @@ def _roots_on_half(f: Array, d: int, nearly_real: float, work: Array, out: Array
 
 
 @njit(**OPTIONS)
-def roots_on_circle(memory: Array, d: int, nearly_real: float) -> int:
+def roots_on_circle(memory: Floats, d: int, nearly_real: float) -> int:
     """How many angles there are at which f vanishes; memory[1] gets their cosines, memory[2] their sines.
 
     memory[0]: C_0, C_1, S_1, ..., C_d, S_d of f, d = 2 or 4, overwritten; memory[3:] is scratch, see `workspace`.
@@ -216,6 +217,6 @@ def roots_on_circle(memory: Array, d: int, nearly_real: float) -> int:
 
 
 @njit(**OPTIONS)
-def workspace() -> Array:
+def workspace() -> Floats:
     """Memory for one call of roots_on_circle: a single allocation, as that costs as much as a root."""
     return np.empty((DEPTH + 10, 12))

@@ -20,11 +20,12 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, Motion, joint
+from miniloop_cli.solvers.alignment import OPTIONS, Motion, joint
 from miniloop_cli.solvers.six_revolute_closure import close, closing_error
 from miniloop_cli.solvers.six_revolute_equations import axis_equations, reduce_equations, well_posed
 from miniloop_cli.solvers.six_revolute_resultant import angles_at, half_angle_forms, resultant
 from miniloop_cli.solvers.six_revolute_roots import MAX_ROOTS, real_roots
+from miniloop_cli.typing import Floats
 
 MAX_SOLUTIONS = 16
 # Value of `nearly_real` with which every solution closes the chain.
@@ -49,7 +50,7 @@ _NUDGE = np.cos(np.arange(30.0) ** 2).reshape(6, 5)
 
 
 @njit(**OPTIONS)
-def set_link(K: Array, e: int, H: Motion, G: Motion) -> None:
+def set_link(K: Floats, e: int, H: Motion, G: Motion) -> None:
     """K[e] of (6, 3, 4) = H G^-1: the link entered through the axis of frame G and left through that of H."""
     k = joint(H, G)
     for i in range(3):
@@ -59,7 +60,7 @@ def set_link(K: Array, e: int, H: Motion, G: Motion) -> None:
 
 
 @njit(**OPTIONS)
-def _other_angles(K: Array, S: Array, E: Array, a: Array) -> float:
+def _other_angles(K: Floats, S: Floats, E: Floats, a: Floats) -> float:
     """Fill a (6,) from the hidden angle a[2], a root of the resultant; the closing error of what was found."""
     a4, a5 = angles_at(E, a[2])
     c3, s3 = math.cos(a[2]), math.sin(a[2])
@@ -80,7 +81,7 @@ def _other_angles(K: Array, S: Array, E: Array, a: Array) -> float:
 
 
 @njit(**OPTIONS)
-def _find(a: Array, cut: int, angles: Array, count: int) -> int:
+def _find(a: Floats, cut: int, angles: Floats, count: int) -> int:
     """Row of angles (16, 6) that equals a (6,), found with the chain cut at joint `cut`; a becomes a row if none does.
 
     Returns MAX_SOLUTIONS if there is no room.
@@ -99,7 +100,7 @@ def _find(a: Array, cut: int, angles: Array, count: int) -> int:
 
 
 @njit(**OPTIONS)
-def _cut_chain(K: Array, scale: float, cut: int, nudge: float, C: Array) -> None:
+def _cut_chain(K: Floats, scale: float, cut: int, nudge: float, C: Floats) -> None:
     """C (6, 3, 4): the chain K renumbered from joint `cut` on, lengths scaled, every link moved by about `nudge`."""
     for k in range(6):
         link = K[(k + cut) % 6]
@@ -117,7 +118,7 @@ def _cut_chain(K: Array, scale: float, cut: int, nudge: float, C: Array) -> None
 
 
 @njit(**OPTIONS)
-def _solve_cut(C: Array, D: Array, cut: int, nearly_real: float, angles: Array, count: int) -> tuple[int, bool]:
+def _solve_cut(C: Floats, D: Floats, cut: int, nearly_real: float, angles: Floats, count: int) -> tuple[int, bool]:
     """Unite the solutions of the chain C, cut at joint `cut`, with the first `count` rows of angles (16, 6).
 
     The roots come from the chain D, which is C or near it. Returns the new count, and whether the cut was sound: the
@@ -153,7 +154,7 @@ def _solve_cut(C: Array, D: Array, cut: int, nearly_real: float, angles: Array, 
 
 
 @njit(**OPTIONS, inline="always")
-def solve_chain(K: Array, nearly_real: float, angles: Array) -> int:
+def solve_chain(K: Floats, nearly_real: float, angles: Floats) -> int:
     """All real a with L(a6) K6 ... L(a2) K2 L(a1) K1 = I, for rigid motions K (6, 3, 4), into angles (16, 6) rad.
 
     Complex pairs within nearly_real (rad) of a real root give the angles nearby that close the chain best; 0: none.

@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.alignment import OPTIONS
+from miniloop_cli.typing import Floats
 
 
 @njit(**OPTIONS)
-def closing_error(K: Array, a: Array, J: Array, e: Array) -> tuple[float, float]:
+def closing_error(K: Floats, a: Floats, J: Floats, e: Floats) -> tuple[float, float]:
     """Closing error e (6,) = (rotation, translation) of L(a6) K6 ... L(a1) K1 and its derivative J (6, 6).
 
     K (6, 3, 4), a (6,) rad. The rotation enters as axis times sine, or the axis itself beyond 90 degrees.
@@ -49,7 +50,7 @@ def closing_error(K: Array, a: Array, J: Array, e: Array) -> tuple[float, float]
 
 
 @njit(**OPTIONS)
-def solve_in_place(M: Array, x: Array) -> float:
+def solve_in_place(M: Floats, x: Floats) -> float:
     """Solve M (6, 6) y = x by elimination with complete pivoting; y replaces x.
 
     Returns the ratio of the last pivot to the first; if that is zero, nothing is solved.
@@ -90,7 +91,7 @@ def solve_in_place(M: Array, x: Array) -> float:
 
 
 @njit(**OPTIONS)
-def close(K: Array, a: Array, iterations: int, tight: float) -> tuple[float, float]:
+def close(K: Floats, a: Floats, iterations: int, tight: float) -> tuple[float, float]:
     """Newton's method on the angles a (6,), in place, damped (Levenberg, Marquardt) once a step does not help.
 
     Stops below the error `tight`. Returns the closing error reached, and the ratio of pivots of its derivative: near

@@ -18,14 +18,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.alignment import OPTIONS
+from miniloop_cli.typing import Floats
 
 # Layout of the 14 numbers: p 0-2, l 3-5, m 6-8, w 9-11, p.p 12, p.l 13.
 SIZE = 14
 
 
 @njit(**OPTIONS)
-def _move(K: Array, X: Array) -> None:
+def _move(K: Floats, X: Floats) -> None:
     """Apply the rigid motion K (3, 4) in place to the coefficient rows of X (n, 14); row 0 is the constant term."""
     R = K[:, :3]
     t = K[:, 3]
@@ -53,7 +54,7 @@ def _move(K: Array, X: Array) -> None:
 
 
 @njit(**OPTIONS)
-def _turn(X: Array, sign: float) -> Array:
+def _turn(X: Floats, sign: float) -> Floats:
     """Coefficients (3 n, 14) of L(sign a) X: row 3 k + (0, 1, 2) is row k of X times (1, cos a, sin a)."""
     Y = np.zeros((3 * len(X), SIZE))
     for k in range(len(X)):
@@ -69,7 +70,7 @@ def _turn(X: Array, sign: float) -> Array:
 
 
 @njit(**OPTIONS)
-def invert(K: Array) -> Array:
+def invert(K: Floats) -> Floats:
     """Inverse of a rigid motion (3, 4)."""
     out = np.empty((3, 4))
     for i in range(3):
@@ -80,7 +81,7 @@ def invert(K: Array) -> Array:
 
 
 @njit(**OPTIONS)
-def axis_equations(K: Array) -> tuple[Array, Array]:
+def axis_equations(K: Floats) -> tuple[Floats, Floats]:
     """Both sides of the loop for K (6, 3, 4): coefficients (9, 14) in (a1, a2) and (9, 14) in (a5, a4).
 
     Row 3 i + j belongs to the i-th of (1, cos, sin) of the first named angle and the j-th of the second. The rotation
@@ -104,7 +105,7 @@ def axis_equations(K: Array) -> tuple[Array, Array]:
 
 
 @njit(**OPTIONS)
-def reduce_equations(left: Array, right: Array) -> Array:
+def reduce_equations(left: Floats, right: Floats) -> Floats:
     """Orthogonal elimination of the monomials of (a1, a2): S (14, 8 + 27).
 
     S = Q^T [monomials of (a1, a2) but the constant | right, free of a3 | times cos a3 | times sin a3] with the first
@@ -153,7 +154,7 @@ def reduce_equations(left: Array, right: Array) -> Array:
 
 
 @njit(**OPTIONS)
-def well_posed(S: Array) -> bool:
+def well_posed(S: Floats) -> bool:
     """False if the eliminated monomials are dependent: axes in a special position make the triangle of S singular."""
     least, most = np.inf, 0.0
     for k in range(8):

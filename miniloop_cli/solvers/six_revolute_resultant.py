@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.alignment import OPTIONS
+from miniloop_cli.typing import Floats
 
 DEGREE = 8
 _SAMPLES = 2 * DEGREE + 1
@@ -25,7 +26,7 @@ _AT_SAMPLES = np.concatenate([np.ones((_SAMPLES, 1)), np.cos(_k_a), np.sin(_k_a)
 
 
 @njit(**OPTIONS)
-def half_angle_forms(S: Array) -> Array:
+def half_angle_forms(S: Floats) -> Floats:
     """The six equations of the reduced system S (14, 35), rows scaled, as forms: (3, 6, 9).
 
     First index: free of a3, times cos a3, times sin a3. Last index 3 i + j: the i-th of (u^2, u v, v^2) of a5 and the
@@ -56,7 +57,7 @@ def half_angle_forms(S: Array) -> Array:
 
 
 @njit(**OPTIONS)
-def _at(E: Array, cos: float, sin: float, A: Array) -> None:
+def _at(E: Floats, cos: float, sin: float, A: Floats) -> None:
     """A (6, 9) = the forms E (3, 6, 9) at one a3."""
     for r in range(6):
         for c in range(9):
@@ -64,7 +65,7 @@ def _at(E: Array, cos: float, sin: float, A: Array) -> None:
 
 
 @njit(**OPTIONS)
-def _eliminate(M: Array, steps: int) -> float:
+def _eliminate(M: Floats, steps: int) -> float:
     """Gaussian elimination with row pivots on the first `steps` columns of M; the signed product of the pivots."""
     n, m = M.shape
     det = 1.0
@@ -91,7 +92,7 @@ def _eliminate(M: Array, steps: int) -> float:
 
 
 @njit(**OPTIONS)
-def _determinant(E: Array, cos: float, sin: float, A: Array, M: Array) -> float:
+def _determinant(E: Floats, cos: float, sin: float, A: Floats, M: Floats) -> float:
     """Determinant of the twelve equations at one a3; A (6, 9) and M (9, 9) are scratch.
 
     The two shifted copies of the six equations share their first elimination, which leaves a 9 x 9 determinant.
@@ -109,7 +110,7 @@ def _determinant(E: Array, cos: float, sin: float, A: Array, M: Array) -> float:
 
 
 @njit(**OPTIONS)
-def resultant(E: Array) -> tuple[float, Array]:
+def resultant(E: Floats) -> tuple[float, Floats]:
     """Largest sample of the determinant, and the determinant divided by it as a trigonometric polynomial in a3.
 
     The polynomial (17,) holds the coefficients of (1, cos k a3, sin k a3).
@@ -133,7 +134,7 @@ def resultant(E: Array) -> tuple[float, Array]:
 
 
 @njit(**OPTIONS)
-def angles_at(E: Array, a3: float) -> tuple[float, float]:
+def angles_at(E: Floats, a3: float) -> tuple[float, float]:
     """The angles (a4, a5) belonging to a root a3: the null vector of the twelve equations."""
     A = np.empty((6, 9))
     _at(E, np.cos(a3), np.sin(a3), A)

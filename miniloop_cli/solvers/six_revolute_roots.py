@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array
+from miniloop_cli.solvers.alignment import OPTIONS
+from miniloop_cli.typing import Floats
 
 DEGREE = 8
 MAX_ROOTS = 24
@@ -25,7 +26,7 @@ _ARC_RAD = 2 * np.pi / _ARCS
 _DEPTH = 22  # halvings: pi / 2 to 4e-7 rad
 
 
-def _bernstein_matrices() -> Array:
+def _bernstein_matrices() -> Floats:
     """(arcs, 17, 17) maps from the coefficients c to the Bernstein coefficients on each arc."""
     W = np.empty((_ARCS, _ORDER + 1, _ORDER + 1))
     binomials = np.array([1.0])
@@ -50,7 +51,7 @@ _TO_BERNSTEIN = _bernstein_matrices()
 
 
 @njit(**OPTIONS)
-def _sign_changes(b: Array) -> int:
+def _sign_changes(b: Floats) -> int:
     n = 0
     for i in range(_ORDER):
         if (b[i] > 0.0) != (b[i + 1] > 0.0):
@@ -59,7 +60,7 @@ def _sign_changes(b: Array) -> int:
 
 
 @njit(**OPTIONS)
-def _halve(left: Array, right: Array) -> None:
+def _halve(left: Floats, right: Floats) -> None:
     """de Casteljau at the middle: `right` holds the coefficients on entry and those of its right half after."""
     left[0] = right[0]
     for k in range(1, _ORDER + 1):
@@ -69,7 +70,7 @@ def _halve(left: Array, right: Array) -> None:
 
 
 @njit(**OPTIONS)
-def _evaluate(c: Array, a: float) -> tuple[float, float, float]:
+def _evaluate(c: Floats, a: float) -> tuple[float, float, float]:
     """Value, slope and curvature at the angle a (rad)."""
     x, y = math.cos(a), math.sin(a)
     ck, sk = 1.0, 0.0
@@ -84,7 +85,7 @@ def _evaluate(c: Array, a: float) -> tuple[float, float, float]:
 
 
 @njit(**OPTIONS)
-def _bracketed_root(c: Array, lo: float, hi: float, rising: bool) -> float:
+def _bracketed_root(c: Floats, lo: float, hi: float, rising: bool) -> float:
     """The root inside a bracket: Newton guarded by bisection."""
     a = 0.5 * (lo + hi)
     for _ in range(60):
@@ -103,7 +104,7 @@ def _bracketed_root(c: Array, lo: float, hi: float, rising: bool) -> float:
 
 
 @njit(**OPTIONS)
-def _nearly_real(c: Array, lo: float, hi: float) -> tuple[float, float]:
+def _nearly_real(c: Floats, lo: float, hi: float) -> tuple[float, float]:
     """Real part of the complex pair near the arc and its imaginary part: f is nearly a parabola f0 + f2 (a - a0)^2 / 2.
 
     The imaginary part is infinite if there is no such pair.
@@ -125,7 +126,7 @@ def _angle(arc: int, s: float) -> float:
 
 
 @njit(**OPTIONS)
-def real_roots(c: Array, near_rad: float, out: Array) -> int:
+def real_roots(c: Floats, near_rad: float, out: Floats) -> int:
     """Angles (rad) at which the trigonometric polynomial c (17,) vanishes, and those of nearly real pairs.
 
     A complex pair less than near_rad (at most some 0.05) from the real axis gives its real part, rarely twice. Row k of

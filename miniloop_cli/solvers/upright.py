@@ -13,18 +13,19 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, TINY, Array, unit
+from miniloop_cli.solvers.alignment import OPTIONS, TINY, unit
 from miniloop_cli.solvers.polynomials import NEARLY_REAL
+from miniloop_cli.typing import Floats
 
 
 @njit(**OPTIONS)
-def xy(points: Array, i: int) -> complex:
+def xy(points: Floats, i: int) -> complex:
     """The horizontal part of row i."""
     return complex(points[i, 0], points[i, 1])
 
 
 @njit(**OPTIONS)
-def rise(p: Array, q: Array, i: int) -> float:
+def rise(p: Floats, q: Floats, i: int) -> float:
     """How much match i says z grows from p to q."""
     return q[i, 2] - p[i, 2]
 
@@ -49,7 +50,7 @@ def turns_reaching(s: complex, t: complex, reach: float) -> tuple[complex, compl
 
 
 @njit(**OPTIONS)
-def finite(p: Array, q: Array) -> bool:
+def finite(p: Floats, q: Floats) -> bool:
     """Whether all coordinates are: the lines above look only at some of them."""
     total = 0.0
     for i in range(p.shape[0]):
@@ -59,7 +60,7 @@ def finite(p: Array, q: Array) -> bool:
 
 
 @njit(**OPTIONS)
-def write_upright(T: Array, s: int, e: int, p: Array, q: Array, turn: complex, up: float) -> None:
+def write_upright(T: Floats, s: int, e: int, p: Floats, q: Floats, turn: complex, up: float) -> None:
     """T[s, e] = [R | t]: R turns about z, t takes the xy of row e of p to that of q and lifts by `up`."""
     shift = xy(q, e) - turn * xy(p, e)
     for row in range(3):

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, Array, Point
+from miniloop_cli.solvers.alignment import OPTIONS, Point
+from miniloop_cli.typing import Floats
 
 Waves = tuple[complex, complex, complex]
 Waves2 = tuple[complex, complex, complex, complex, complex]
@@ -54,7 +55,7 @@ def value(x: Waves, e: complex) -> complex:
 
 
 @njit(**OPTIONS)
-def norm_excess(N: Waves2, W: Waves, f: Array) -> None:
+def norm_excess(N: Waves2, W: Waves, f: Floats) -> None:
     """|N|^2 - W^2 as coefficients of 1, cos a, sin a, .., cos 4a, sin 4a into f (9,); W real, from e^0 on."""
     n0, n1, n2, n3, n4 = N
     c0, c1, c2, c3 = n0.conjugate(), n1.conjugate(), n2.conjugate(), n3.conjugate()

@@ -6,18 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.simulation.scene import ROOM_M, SECOND_ROOM_M
+from miniloop_cli.typing import Floats
 
-Array = NDArray[np.float64]
-Path = Callable[[Array], Array]  # (n,) seconds from the start to (n, 4, 4)
+Path = Callable[[Floats], Floats]  # (n,) seconds from the start to (n, 4, 4)
 
 TURNS = 1.06
 
 
-def look(position_m: Array, yaw_rad: Array, pitch_rad: Array, roll_rad: Array) -> Array:
+def look(position_m: Floats, yaw_rad: Floats, pitch_rad: Floats, roll_rad: Floats) -> Floats:
     """(n, 4, 4) poses at (n, 3) positions; yaw about the vertical, pitch > 0 looks up."""
     zero, one = np.zeros_like(yaw_rad), np.ones_like(yaw_rad)
     forward = np.stack(
@@ -29,7 +28,7 @@ def look(position_m: Array, yaw_rad: Array, pitch_rad: Array, roll_rad: Array) -
     return se3.pose(level @ roll, position_m)
 
 
-def waves(rng: Generator, amplitude: float, periods: float, count: int = 3) -> Callable[[Array], Array]:
+def waves(rng: Generator, amplitude: float, periods: float, count: int = 3) -> Callable[[Floats], Floats]:
     """A smooth random function on [0, 1]: a few sines of about `periods` periods and zero mean."""
     frequency = 2 * np.pi * periods * rng.uniform(0.6, 1.4, count)
     phase, size = rng.uniform(0, 2 * np.pi, count), rng.dirichlet(np.ones(count)) * amplitude
@@ -43,7 +42,7 @@ def make_path(name: str, scene: str, duration_s: float, rng: Generator, share: f
     if scene == "two-rooms":
         halves = [_in_room(name, scene, duration_s / 2 / share, generator) for generator in rng.spawn(2)]
 
-        def both(t: Array) -> Array:
+        def both(t: Floats) -> Floats:
             second = t >= duration_s / 2
             T = np.where(second[:, None, None], halves[1](t - duration_s / 2), halves[0](t))
             T[second, :3, 3] += SECOND_ROOM_M
@@ -59,7 +58,7 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
     drift = [waves(rng, a, 1.0) for a in (0.8, 0.6, 0.25, 2.6)]  # x y z (m), yaw (rad)
     shift = [waves(rng, 0.5, f, 1) for f in (2.0, 1.3, 0.8)]
 
-    def poses(t: Array) -> Array:
+    def poses(t: Floats) -> Floats:
         s = np.asarray(t, float) / duration_s
         x, y, z, pitch, roll = (wave(s) for wave in sway)
         pitch -= 0.22

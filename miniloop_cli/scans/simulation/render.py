@@ -8,13 +8,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from miniloop_cli.typing import Floats, Floats32
+
 NOTHING = -1
 MIN_HIT_M = 1e-3
 
 
 @njit(cache=True, nogil=True)
-def _hit_box(o: Array, d: Array, half: Array, within: bool) -> tuple[float, int, int]:
+def _hit_box(o: Floats, d: Floats, half: Floats, within: bool) -> tuple[float, int, int]:
     """Distance, axis and side (0 low, 1 high) at which o + t d, in the frame of the box, meets it; 1e30 if never."""
     near, far = -1e30, 1e30
     near_axis, far_axis, near_side, far_side = 0, 0, 0, 0
@@ -37,7 +38,7 @@ def _hit_box(o: Array, d: Array, half: Array, within: bool) -> tuple[float, int,
 
 
 @njit(cache=True, nogil=True)
-def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float, weight: float, rgb: Array) -> None:
+def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float, weight: float, rgb: Floats) -> None:
     """Add the bilinear colour at (x, y), pixels of the finest level, of one level (offset, width, height) to rgb."""
     offset, width, height = level
     x = max(min((x + 0.5) * scale - 0.5, width - 1.001), 0.0)
@@ -56,13 +57,13 @@ def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float,
 @njit(cache=True, nogil=True, fastmath=True)
 def render_rows(
     rows: tuple[int, int],
-    rays: Array,
-    T_world_row: Array,
+    rays: Floats,
+    T_world_row: Floats,
     pixel_rad: float,
     scene: tuple,
-    color: NDArray[np.float32],
-    depth: NDArray[np.float32],
-    cosine: NDArray[np.float32],
+    color: Floats32,
+    depth: Floats32,
+    cosine: Floats32,
     hit: NDArray[np.int16],
 ) -> None:
     """Fill rows [first, last) of the images from (h, w, 3) camera rays with z = 1 and one camera pose a row (h, 4, 4).
@@ -153,8 +154,8 @@ def render_rows(
 
 
 def render(
-    rays: Array, T_world_row: Array, pixel_rad: float, scene: tuple
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int16]]:
+    rays: Floats, T_world_row: Floats, pixel_rad: float, scene: tuple
+) -> tuple[Floats32, Floats32, Floats32, NDArray[np.int16]]:
     """Render one image; see `render_rows`. Bands of rows run in two threads."""
     from concurrent.futures import ThreadPoolExecutor
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.scans.simulation import texture
+from miniloop_cli.typing import Bytes, Floats
 
 ROOM_M = np.array([4.6, 3.8, 2.5])
 LIGHT = np.array([0.30, 0.50, 0.81])
@@ -25,16 +26,16 @@ SECOND_ROOM_M = np.array([30.0, 0.0, 0.0])
 class Scene:
     """Boxes, spheres and their textures; everything is appended, then frozen by `arrays`."""
 
-    T_box_world: list[NDArray[np.float64]] = field(default_factory=list)
-    half_m: list[NDArray[np.float64]] = field(default_factory=list)
+    T_box_world: list[Floats] = field(default_factory=list)
+    half_m: list[Floats] = field(default_factory=list)
     from_within: list[bool] = field(default_factory=list)
     box_texture: list[list[int]] = field(default_factory=list)
     sphere: list[tuple[float, float, float, float]] = field(default_factory=list)  # centre, radius (m)
     sphere_texture: list[int] = field(default_factory=list)
-    pyramids: list[list[NDArray[np.uint8]]] = field(default_factory=list)
+    pyramids: list[list[Bytes]] = field(default_factory=list)
     texel_per_m: list[float] = field(default_factory=list)
 
-    def add_texture(self, image: NDArray[np.uint8], texel_per_m: float) -> int:
+    def add_texture(self, image: Bytes, texel_per_m: float) -> int:
         """Store an image with its pyramid; returns its number."""
         import cv2
 
@@ -51,10 +52,10 @@ class Scene:
 
     def add_box(
         self,
-        centre_m: NDArray[np.float64],
-        half_m: NDArray[np.float64],
+        centre_m: Floats,
+        half_m: Floats,
         yaw_rad: float,
-        paint: Callable[[int, float, float], tuple[NDArray[np.uint8], float]],
+        paint: Callable[[int, float, float], tuple[Bytes, float]],
         from_within: bool = False,
     ) -> int:
         """Add a box; `paint(face, width_m, height_m)`, faces -x +x -y +y -z +z, returns texture and texels a metre."""
@@ -67,7 +68,7 @@ class Scene:
         self.box_texture.append([self.add_texture(*paint(face, *size)) for face, size in enumerate(sizes)])
         return len(self.half_m) - 1
 
-    def add_sphere(self, centre_m: NDArray[np.float64], radius_m: float, image: NDArray[np.uint8]) -> None:
+    def add_sphere(self, centre_m: Floats, radius_m: float, image: Bytes) -> None:
         """Add a sphere; its texture is laid over longitude and latitude."""
         self.sphere.append((*(float(v) for v in centre_m), radius_m))
         self.sphere_texture.append(self.add_texture(image, image.shape[1] / (2 * np.pi * radius_m)))
@@ -103,13 +104,13 @@ def build_scene(kind: str, rng: Generator) -> Scene:
     return scene
 
 
-def add_room(scene: Scene, offset_m: NDArray[np.float64], kind: str, rng: Generator) -> None:
+def add_room(scene: Scene, offset_m: Floats, kind: str, rng: Generator) -> None:
     """One furnished room around (offset, z up): the middle, where the camera moves, is left free."""
 
     def size_px(width_m: float, height_m: float, density: float) -> tuple[int, int]:
         return max(int(height_m * density), 4), max(int(width_m * density), 4)
 
-    def walls(face: int, width_m: float, height_m: float) -> tuple[NDArray[np.uint8], float]:
+    def walls(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 280.0
         h, w = size_px(width_m, height_m, density)
         if kind == "textureless":
@@ -122,7 +123,7 @@ def add_room(scene: Scene, offset_m: NDArray[np.float64], kind: str, rng: Genera
             return image, density
         return texture.wall(h, w, density, rng, posters=5 if face < 4 else 1), density
 
-    def goods(face: int, width_m: float, height_m: float) -> tuple[NDArray[np.uint8], float]:
+    def goods(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 400.0
         h, w = size_px(width_m, height_m, density)
         if kind == "textureless":
@@ -161,7 +162,7 @@ def add_room(scene: Scene, offset_m: NDArray[np.float64], kind: str, rng: Genera
 def add_figure(scene: Scene, rng: Generator) -> int:
     """A textured figure of human size, to be moved; returns the number of its box."""
 
-    def clothes(face: int, width_m: float, height_m: float) -> tuple[NDArray[np.uint8], float]:
+    def clothes(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         image = texture.surface(int(300 * height_m), int(300 * width_m), rng, 35, texture.color(rng))
         texture.add_shapes(image, 50, rng, 40)
         return image, 300.0

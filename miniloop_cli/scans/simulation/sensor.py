@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.scans.camera import DepthNoise
 from miniloop_cli.scans.simulation.texture import octaves
+from miniloop_cli.typing import Bools, Bytes, Floats32
 
 BASELINE_M, FOCAL_PX, STEPS_PER_PX = 0.075, 580.0, 8  # of the Kinect's infrared pair
 NEAR_LIMIT_M = 0.4
@@ -17,11 +18,11 @@ COLOR_SIGMA = 2.5  # grey levels
 
 
 def measure_depth(
-    depth_m: NDArray[np.float32],
-    cosine: NDArray[np.float32],
+    depth_m: Floats32,
+    cosine: Floats32,
     noise: DepthNoise,
     rng: Generator,
-) -> NDArray[np.float32]:
+) -> Floats32:
     """(h, w) true depth (m, 0 = nothing there) and cosine of incidence to (h, w) measured depth (m, 0 = no reading).
 
     - Each reading comes from a pixel up to two pixels away (deviation 0.5 px), which makes edges ragged
@@ -48,7 +49,7 @@ def measure_depth(
     return np.where(lost, 0, measured).astype(np.float32)
 
 
-def _beside_edge(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _beside_edge(depth_m: Floats32) -> Bools:
     """Pixels within one pixel of a jump of more than 4 % in depth (surfaces seen at an angle stay below it)."""
     import cv2
 
@@ -56,15 +57,13 @@ def _beside_edge(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     return cv2.morphologyEx(depth_m, cv2.MORPH_GRADIENT, cross) > 0.04 * np.maximum(depth_m, 0.1)
 
 
-def store_depth(depth_m: NDArray[np.float32], depth_scale: float, limit_m: float) -> NDArray[np.uint16]:
+def store_depth(depth_m: Floats32, depth_scale: float, limit_m: float) -> NDArray[np.uint16]:
     """(h, w) uint16 in units of 1 / depth_scale m; 0 outside of the range of the sensor."""
     valid = (depth_m > NEAR_LIMIT_M) & (depth_m < limit_m)
     return np.where(valid, np.round(depth_m * depth_scale), 0).clip(0, 65535).astype(np.uint16)
 
 
-def store_color(
-    light: NDArray[np.float32], exposure: float, rng: Generator | None, noise_level: float = 1.0
-) -> NDArray[np.uint8]:
+def store_color(light: Floats32, exposure: float, rng: Generator | None, noise_level: float = 1.0) -> Bytes:
     """(h, w, 3) float light to uint8 RGB: lens softness, gain, and noise where `rng` is given."""
     import cv2
 

@@ -16,6 +16,7 @@ from miniloop_cli.scans.simulation import sensor
 from miniloop_cli.scans.simulation.path import Path, make_path
 from miniloop_cli.scans.simulation.scene import add_figure, build_scene
 from miniloop_cli.scans.simulation.settings import SimulationSettings
+from miniloop_cli.typing import Bools, Bytes, Floats
 
 START_S = 1000.0  # stamps begin here
 BLUR_SAMPLES = 6
@@ -30,10 +31,10 @@ class SimulatedFrame:
     """A frame as a recording would hold it, with its exact pose."""
 
     timestamp_s: float
-    T_world_cam: NDArray[np.float64]  # of the middle row
-    color: NDArray[np.uint8]
+    T_world_cam: Floats  # of the middle row
+    color: Bytes
     depth: NDArray[np.uint16]  # units of 1 / depth_scale m
-    moving: NDArray[np.bool_] | None  # pixels of the moving object
+    moving: Bools | None  # pixels of the moving object
 
     def scan(self, camera: Camera) -> Scan:
         """What `read_scan` returns for this frame, without its mask."""
@@ -61,7 +62,7 @@ def true_trajectory(settings: SimulationSettings, rng: Generator) -> Trajectory:
     return Trajectory(np.round(START_S + t, 6), path(t))
 
 
-def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[Floats, Floats]:
     """Stamps (n,) seconds and what an accelerometer in the camera's axes reads (n, 3) m/s^2, upwards when it rests.
 
     `rng` must be in the state that `simulate` was given.
@@ -77,7 +78,7 @@ def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[NDArray
     return np.round(START_S + t, 6), force_cam.clip(-ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2)
 
 
-def frame_times_s(settings: SimulationSettings) -> NDArray[np.float64]:
+def frame_times_s(settings: SimulationSettings) -> Floats:
     """(frames,) times from the start, whole microseconds."""
     return np.round(np.arange(settings.frames) / settings.rate_hz, 6)
 
@@ -86,7 +87,7 @@ def _path(settings: SimulationSettings, rng: Generator) -> Path:
     return make_path(settings.path, settings.scene, settings.frames / settings.rate_hz, rng, settings.path_share)
 
 
-def camera_rays(camera: Camera) -> NDArray[np.float64]:
+def camera_rays(camera: Camera) -> Floats:
     """(h, w, 3) directions with z = 1 of all pixels, through the distortion of the lens."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     px = camera.undistort(np.stack([u.ravel(), v.ravel()], 1))
@@ -97,7 +98,7 @@ def _frame(
     settings: SimulationSettings,
     scene: tuple[NDArray, ...],
     path: Path,
-    rays: NDArray[np.float64],
+    rays: Floats,
     figure: int | None,
     t: float,
     rng: Generator,
@@ -126,7 +127,7 @@ def _frame(
     return SimulatedFrame(round(START_S + t, 6), T_world_cam, color, depth, moving)
 
 
-def _figure_pose(T_world_cam: NDArray[np.float64], t: float) -> NDArray[np.float64]:
+def _figure_pose(T_world_cam: Floats, t: float) -> Floats:
     """Upright, 1.2 m before the camera, swinging sideways; returns T_box_world."""
     forward, right = T_world_cam[:3, 2], T_world_cam[:3, 0]
     heading = np.arctan2(forward[1], forward[0])

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from miniloop_cli.typing import Bytes, Floats32
+
 WORDS = ("mini", "loop", "scan", "cycle", "depth", "solver", "rotation", "closure", "camera", "graph", "edge", "pose")
 
 
@@ -24,19 +25,19 @@ def octaves(height: int, width: int, rng: Generator, coarsest_px: float = 128.0,
     return (total - total.mean()) / max(float(total.std()), 1e-6)
 
 
-def color(rng: Generator, low: int = 30, high: int = 230) -> NDArray[np.float32]:
+def color(rng: Generator, low: int = 30, high: int = 230) -> Floats32:
     """(3,) a random colour."""
     return rng.uniform(low, high, 3).astype(np.float32)
 
 
-def surface(height: int, width: int, rng: Generator, contrast: float, base: NDArray[np.float32]) -> Image:
+def surface(height: int, width: int, rng: Generator, contrast: float, base: Floats32) -> Bytes:
     """Noise around a base colour: lightness of all octaves, hue of the coarse ones."""
     image = base + contrast * octaves(height, width, rng)[..., None]
     image += 0.5 * contrast * octaves(height, width, rng, 64)[..., None] * rng.uniform(-1, 1, 3).astype(np.float32)
     return image.clip(5, 250).astype(np.uint8)
 
 
-def add_shapes(image: Image, count: int, rng: Generator, largest_px: int = 60) -> None:
+def add_shapes(image: Bytes, count: int, rng: Generator, largest_px: int = 60) -> None:
     """Draw filled rectangles, discs and lines of random colours into the image."""
     import cv2
 
@@ -53,7 +54,7 @@ def add_shapes(image: Image, count: int, rng: Generator, largest_px: int = 60) -
             cv2.line(image, (x, y), (x + 2 * a - largest_px, y + 2 * b - largest_px), paint, max(a // 12, 1))
 
 
-def poster(height: int, width: int, rng: Generator) -> Image:
+def poster(height: int, width: int, rng: Generator) -> Bytes:
     """A sheet with a title, a picture and lines of text."""
     import cv2
 
@@ -73,7 +74,7 @@ def poster(height: int, width: int, rng: Generator) -> Image:
     return sheet
 
 
-def wall(height: int, width: int, texel_per_m: float, rng: Generator, posters: int, contrast: float = 9.0) -> Image:
+def wall(height: int, width: int, texel_per_m: float, rng: Generator, posters: int, contrast: float = 9.0) -> Bytes:
     """Plaster with posters of 0.4 to 0.9 m and a few small shapes."""
     hue = color(rng, 120, 215)
     image = surface(height, width, rng, contrast, 0.4 * hue + 0.6 * hue.mean())
@@ -87,7 +88,7 @@ def wall(height: int, width: int, texel_per_m: float, rng: Generator, posters: i
     return image
 
 
-def repeated(height: int, width: int, texel_per_m: float) -> Image:
+def repeated(height: int, width: int, texel_per_m: float) -> Bytes:
     """The same tile of 0.5 m side everywhere, whatever the seed."""
     side = max(int(0.5 * texel_per_m), 16)
     rng = np.random.default_rng(0)
