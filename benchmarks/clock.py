@@ -56,7 +56,7 @@ def write_result(out: Path, data: dict[str, Any]) -> None:
 
 def write_poses(out: Path, stamps_s: NDArray[np.float64], T_world_cam: NDArray[np.float64]) -> None:
     """OUT.txt: poses (k, 4, 4), camera to world, at (k,) stamps, in TUM's format."""
-    from miniloop_cli.scans import write_trajectory
-    from miniloop_cli.scans.sequence import Trajectory
+    from miniloop_cli.datasets.trajectory import write_trajectory
+    from miniloop_cli.scene.sequence import Trajectory
 
     write_trajectory(out.with_suffix(".txt"), Trajectory(stamps_s, T_world_cam))

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
+from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.evaluation.evaluate import evaluate
-from miniloop_cli.evaluation.inputs import read_inputs
-from miniloop_cli.evaluation.results import Results
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.posegraph import refine_pose_graph
-from miniloop_cli.scans import open_sequence, read_scan
-from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.results.evaluation_inputs import read_inputs
+from miniloop_cli.results.folder import Results
+from miniloop_cli.scene.sequence import Sequence, Trajectory
 
 PARTNERS, STEPS_M = 4, (0.04, 0.02)
 

@@ -10,8 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from miniloop_cli import evaluate, register
-from miniloop_cli.graph.edges import VERIFIED
+from miniloop_cli.api import evaluate, register
+from miniloop_cli.scene.edge import VERIFIED
 
 KINDS = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 NAMES = ("freiburg1_xyz_100", "freiburg1_desk_100")

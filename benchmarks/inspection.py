@@ -16,10 +16,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.inspection.inspect import inspect
-from miniloop_cli.scans import open_sequence, read_scan
-from miniloop_cli.scans.sequence import Scan, Sequence
-from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+from miniloop_cli.scene.sequence import Scan, Sequence
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.write import write_sequence
 
 PATHS = ("loop", "xyz", "rotation", "random-walk")
 REAL = ("freiburg1_xyz_100", "freiburg1_desk_100")

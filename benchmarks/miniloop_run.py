@@ -12,13 +12,13 @@ def main() -> None:
     options = arguments(__doc__, config="default", seed=0, max_frames=1_000_000)
     import numpy as np
 
-    from miniloop_cli.artefacts import Store
     from miniloop_cli.bench.stages import StageClock
     from miniloop_cli.config import load_settings
-    from miniloop_cli.graph.edges import VERIFIED
-    from miniloop_cli.parallel import Workers
+    from miniloop_cli.datasets import open_sequence
     from miniloop_cli.pipeline import register
-    from miniloop_cli.scans import open_sequence
+    from miniloop_cli.runtime.artifact_store import Store
+    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.edge import VERIFIED
 
     sequence = open_sequence(options.sequence, max_frames=options.max_frames)
     clock = StageClock()

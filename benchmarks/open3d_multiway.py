@@ -18,15 +18,15 @@ import open3d as o3d
 from clock import Clock, arguments, write_poses, write_result
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store
 from miniloop_cli.config import load_settings
+from miniloop_cli.datasets import open_sequence
 from miniloop_cli.features.detect import comparable
-from miniloop_cli.features.extract import extract
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.candidates import enough, match_fully
-from miniloop_cli.graph.overlap import scan_points
-from miniloop_cli.parallel import Workers
-from miniloop_cli.scans import open_sequence
+from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.points import scan_points
+from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.match import enough, match_fully
 
 Floats = NDArray[np.float64]
 registration = o3d.pipelines.registration

@@ -14,8 +14,8 @@ import numpy as np
 import pycolmap
 from clock import Clock, arguments, write_poses, write_result
 
-from miniloop_cli.scans import open_sequence, read_scan
-from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.scene.sequence import Sequence
 
 
 def undistort_images(sequence: Sequence, folder: Path) -> None:

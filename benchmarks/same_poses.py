@@ -18,19 +18,20 @@ import numpy as np
 from clock import arguments, write_poses, write_result
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Store, default_folder
-from miniloop_cli.average import average
-from miniloop_cli.averaging.graph import components
 from miniloop_cli.averaging.rotations import average_rotations
-from miniloop_cli.bench.averaging_peers import gtsam_rotations, pycolmap_rotations
+from miniloop_cli.bench.peers.averaging import gtsam_rotations, pycolmap_rotations
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging, load_settings
+from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, Edge, judge, pairs_of
-from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
+from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.refinement.posegraph import refine_pose_graph
-from miniloop_cli.scans import open_sequence
+from miniloop_cli.runtime.artifact_store import Store, default_folder
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.view_graph import components
+from miniloop_cli.stages.average import average
 
 Floats = NDArray[np.float64]
 

@@ -47,7 +47,7 @@ def text(value: Any) -> str:
 def scores(trajectory: Path, sequence: Path, alignment: str = "SE3") -> Json:
     """ate_cm, edge_deg, edge_cm, registered of a trajectory; {} without one."""
     from miniloop_cli.evaluation.evaluate import Protocol, evaluate
-    from miniloop_cli.evaluation.inputs import read_inputs
+    from miniloop_cli.results.evaluation_inputs import read_inputs
 
     if not trajectory.is_file():
         return {}

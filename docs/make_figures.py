@@ -19,18 +19,18 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from miniloop_cli import evaluate, register, simulate
-from miniloop_cli.errors import RegistrationError
+from miniloop_cli.api import evaluate, register, simulate
+from miniloop_cli.datasets import open_sequence
 from miniloop_cli.evaluation.plots import save
-from miniloop_cli.evaluation.results import Results
 from miniloop_cli.export.mesh import fuse
 from miniloop_cli.export.model import Model
 from miniloop_cli.geometry import se3
-from miniloop_cli.pictures.images import match_picture
-from miniloop_cli.pictures.splat import overview, render
 from miniloop_cli.report import charts
-from miniloop_cli.report.data import load
-from miniloop_cli.scans import open_sequence
+from miniloop_cli.report.images import match_picture
+from miniloop_cli.report.splat import overview, render
+from miniloop_cli.results.columns import load
+from miniloop_cli.results.folder import Results
+from miniloop_cli.scene.registration import RegistrationError
 
 IMG = Path(__file__).with_name("img")
 WORK = Path(tempfile.gettempdir()) / "miniloop-figures"

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from miniloop_cli.cli.config import allowed, as_yaml, value_of
 from miniloop_cli.config import PRESETS, Settings, keys, load_settings
-from miniloop_cli.files import atomic_write
+from miniloop_cli.runtime.atomic_files import atomic_write
 
 PAGE = Path(__file__).with_name("settings.md")
 INTRODUCTION = """# Settings

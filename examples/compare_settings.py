@@ -6,7 +6,7 @@ python examples/compare_settings.py RECORDING [FOLDER]    (RECORDING with ground
 import sys
 from pathlib import Path
 
-from miniloop_cli import evaluate, register
+from miniloop_cli.api import evaluate, register
 from miniloop_cli.errors import MiniloopError
 
 recording = Path(sys.argv[1])

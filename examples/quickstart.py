@@ -6,7 +6,7 @@ python examples/quickstart.py [FOLDER]    (default: quickstart/)
 import sys
 from pathlib import Path
 
-from miniloop_cli import evaluate, register, simulate
+from miniloop_cli.api import evaluate, register, simulate
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "quickstart")
 

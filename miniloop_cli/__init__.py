@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from miniloop_cli.compiled import keep_compiled
+from miniloop_cli.runtime.kernel_cache import keep_compiled
 
 if TYPE_CHECKING:
     from miniloop_cli.api import evaluate, register, simulate

@@ -9,14 +9,14 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from miniloop_cli.errors import RegistrationError
+from miniloop_cli.scene.registration import RegistrationError
 
 if TYPE_CHECKING:
-    from miniloop_cli.artefacts import Store
     from miniloop_cli.config import Settings
     from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
-    from miniloop_cli.parallel import Workers
-    from miniloop_cli.pipeline import Registration
+    from miniloop_cli.runtime.artifact_store import Store
+    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.registration import Registration
 
 LOG = logging.getLogger("miniloop")
 
@@ -45,15 +45,15 @@ def register(
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
-    from miniloop_cli.ahead import compile_ahead
-    from miniloop_cli.artefacts import Store, default_folder
-    from miniloop_cli.cluster import connected
     from miniloop_cli.config import load_settings
-    from miniloop_cli.lock import exclusive
-    from miniloop_cli.parallel import Workers
+    from miniloop_cli.datasets import open_sequence
+    from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.pipeline import register as run_pipeline
-    from miniloop_cli.priors import read_priors
-    from miniloop_cli.scans import open_sequence
+    from miniloop_cli.runtime.artifact_store import Store, default_folder
+    from miniloop_cli.runtime.dask_cluster import connected
+    from miniloop_cli.runtime.folder_lock import exclusive
+    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.warmup import compile_ahead
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
@@ -81,10 +81,10 @@ def register(
 
 def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
     """All files of a run; the log before the report, which shows it; both tell of what the other files hold."""
-    from miniloop_cli.export.log import write_log
-    from miniloop_cli.export.results import write_results
-    from miniloop_cli.report import write_report
-    from miniloop_cli.report.data import load
+    from miniloop_cli.report.page import write_report
+    from miniloop_cli.results.columns import load
+    from miniloop_cli.results.log import write_log
+    from miniloop_cli.results.write import write_results
 
     LOG.info("writing %s", target)
     write_results(run, target, workers, store)
@@ -106,7 +106,7 @@ def evaluate(
     `miniloop eval --json` writes are `.numbers` of what is returned. Raises MiniloopError where it cannot be done.
     """
     from miniloop_cli.evaluation.evaluate import evaluate as run_evaluation
-    from miniloop_cli.evaluation.inputs import read_inputs
+    from miniloop_cli.results.evaluation_inputs import read_inputs
 
     return run_evaluation(*read_inputs(Path(result), Path(ground_truth), Path(edges) if edges else None, protocol))
 
@@ -123,6 +123,7 @@ def simulate(
 
     `settings` are those of SimulationSettings: frames, width, height, scene, path, noise ... Raises MiniloopError.
     """
-    from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+    from miniloop_cli.simulation.settings import SimulationSettings
+    from miniloop_cli.simulation.write import write_sequence
 
     return write_sequence(Path(folder), SimulationSettings(**settings), seed, progress, overwrite)

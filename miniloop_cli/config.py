@@ -11,7 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from miniloop_cli.errors import ConfigError
-from miniloop_cli.plain_yaml import load_plain
+from miniloop_cli.runtime.safe_yaml import load_plain
 
 PRESETS = ("default", "paper", "fast", "accurate")
 

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from miniloop_cli.pipeline import Registration
 
 
 def printable(text: str, most: int) -> str:
@@ -36,17 +32,6 @@ class InputError(MiniloopError):
 
 class ConfigError(MiniloopError):
     """A setting is unknown or out of range (names the key and where it came from)."""
-
-
-class RegistrationError(MiniloopError):
-    """The scans could be read but no trajectory can be had from them (says why).
-
-    `run` is what was found until then, for the report.
-    """
-
-    def __init__(self, message: str, run: Registration | None = None) -> None:
-        super().__init__(message)
-        self.run = run
 
 
 def causes(error: BaseException | None) -> Iterator[BaseException]:

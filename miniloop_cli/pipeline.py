@@ -2,72 +2,38 @@
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from miniloop_cli.artefacts import Store, fingerprint
-from miniloop_cli.average import average
+from miniloop_cli.averaging.components import beginning
 from miniloop_cli.config import Settings
-from miniloop_cli.errors import RegistrationError
 from miniloop_cli.features.detect import compact
-from miniloop_cli.features.extract import ExtractedScan, extract
-from miniloop_cli.features.lift import ScanFeatures
-from miniloop_cli.graph.candidates import comparer, listed_pairs, retrieved_pairs
-from miniloop_cli.graph.edges import Edge, solve_edges
-from miniloop_cli.graph.kept import edges_fingerprint, edges_kept, found_kept, matches_by_chunk, steps_kept
-from miniloop_cli.graph.overlap import Matches, ScanPoints, scan_points
-from miniloop_cli.graph.priors import judged_by_priors
-from miniloop_cli.graph.repeats import steps_m
-from miniloop_cli.graph.retrieval import STRONGEST, around
-from miniloop_cli.graph.rough import rough_pairs
-from miniloop_cli.graph.second_round import replaced, second_round
-from miniloop_cli.graph.witness import Witness
-from miniloop_cli.parallel import Workers, single_inner_threads
-from miniloop_cli.poses import Poses, beginning
-from miniloop_cli.priors import Priors
-from miniloop_cli.refined import Scans, refined
-from miniloop_cli.refinement.timing import Timing
-from miniloop_cli.scans.sequence import Sequence
-from miniloop_cli.typing import Floats, Pair
+from miniloop_cli.features.retrieval import STRONGEST, around
+from miniloop_cli.refinement.inputs import Scans
+from miniloop_cli.runtime.artifact_store import Store, fingerprint
+from miniloop_cli.runtime.parallel import Workers, single_inner_threads
+from miniloop_cli.runtime.stopwatch import Stopwatch
+from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.points import Matches, ScanPoints, scan_points
+from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.registration import Registration, RegistrationError
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.timing import Timing
+from miniloop_cli.stages.average import average
+from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.guided_matching import replaced, second_round
+from miniloop_cli.stages.match import comparer, listed_pairs, retrieved_pairs
+from miniloop_cli.stages.refine import refined
+from miniloop_cli.stages.serialization import edges_fingerprint, edges_kept, found_kept, matches_by_chunk, steps_kept
+from miniloop_cli.stages.solve_edges import solve_edges
+from miniloop_cli.typing import Pair
+from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.verification.pose_prior import rough_pairs
+from miniloop_cli.verification.priors import judged_by_priors
+from miniloop_cli.verification.repetition import steps_m
 
-LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
-
-
-@dataclass(frozen=True)
-class Registration:
-    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage."""
-
-    sequence: Sequence
-    settings: Settings
-    seed: int
-    scans: list[ExtractedScan]
-    edges: list[Edge]
-    poses: Poses
-    covariance: Floats
-    timing: Timing
-    timings_s: dict[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-
-class Stopwatch:
-    """Wall-clock seconds of named stages, in order."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        LOG.info("%s ...", name)
-        yield
-        self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 3)
-        LOG.info("%s: %.1f s", name, self.seconds[name])
 
 
 @single_inner_threads()

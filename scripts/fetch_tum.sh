@@ -123,7 +123,7 @@ cut_subset() {
     return
   fi
   local python="${PYTHON:-python3}"
-  "$python" -m miniloop_cli.scans.subset "$source" "$target" "$subset" ||
+  "$python" -m miniloop_cli.datasets.subset "$source" "$target" "$subset" ||
     fail "could not make $target; is miniloop installed for $python (or set PYTHON)?"
   say "$subset frames: $target"
 }

@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from miniloop_cli.averaging import kernels
-from miniloop_cli.averaging.graph import GraphError, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import Differences, spread
-from miniloop_cli.averaging.start import tree_start, trust, voted_start
+from miniloop_cli.averaging.initialization import tree_start, trust, voted_start
+from miniloop_cli.averaging.laplacian import Differences, spread
 from miniloop_cli.errors import ConfigError
+from miniloop_cli.geometry import quaternion_kernels as kernels
 from miniloop_cli.geometry.se3 import quaternions, rotations
+from miniloop_cli.scene.view_graph import GraphError, checked_pairs, checked_weights, require_connected
 from miniloop_cli.typing import Floats, Ints
 
 

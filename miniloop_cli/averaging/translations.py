@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from miniloop_cli.averaging.graph import GraphError, checked_pairs, checked_weights, require_connected
-from miniloop_cli.averaging.linear import Differences, spread
-from miniloop_cli.averaging.start import trust, voted_start
+from miniloop_cli.averaging.initialization import trust, voted_start
+from miniloop_cli.averaging.laplacian import Differences, spread
+from miniloop_cli.scene.view_graph import GraphError, checked_pairs, checked_weights, require_connected
 from miniloop_cli.typing import Floats
 
 

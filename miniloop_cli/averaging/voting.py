@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from miniloop_cli.averaging.rows import Row, compose, invert, load, store
+from miniloop_cli.geometry.pose_rows import Row, compose, invert, load, store
 from miniloop_cli.typing import Floats, Ints
 
 Near = tuple[float, float]

@@ -9,23 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.artefacts import default_folder
 from miniloop_cli.bench.stages import SessionClock, SessionStore
 from miniloop_cli.config import Settings, load_settings
-from miniloop_cli.errors import ConfigError, InputError, RegistrationError
-from miniloop_cli.evaluation.association import associate
+from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.datasets.intrinsics import default_camera
+from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
-from miniloop_cli.evaluation.results import read_edge_list
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, judge, pairs_of
-from miniloop_cli.parallel import Workers
-from miniloop_cli.pipeline import Registration, register
-from miniloop_cli.scans import open_sequence, read_ground_truth
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.intrinsics import default_camera
-from miniloop_cli.scans.sequence import Sequence as Recording
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.pipeline import register
+from miniloop_cli.ransac.cycle_edges import judge
+from miniloop_cli.results.folder import read_edge_list
+from miniloop_cli.runtime.artifact_store import default_folder
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED, pairs_of
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.registration import Registration, RegistrationError
+from miniloop_cli.scene.sequence import Sequence as Recording
+from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
 
 Row = dict[str, Any]

@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.average import average
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Settings, load_settings
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, Edge, solve_edges
-from miniloop_cli.graph.repeats import steps_m
-from miniloop_cli.graph.witness import Witness
-from miniloop_cli.parallel import Workers
-from miniloop_cli.poses import Poses
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.stages.average import average
+from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.typing import Floats, Pair
+from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.verification.repetition import steps_m
 
 Row = dict[str, Any]
 LENGTHS = (2, 3, 4, 5, 6, 7)

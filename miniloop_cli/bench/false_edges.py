@@ -8,20 +8,20 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 
-from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.config import load_settings
-from miniloop_cli.errors import RegistrationError
-from miniloop_cli.evaluation.association import associate
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.edges import VERIFIED, Edge
-from miniloop_cli.graph.overlap import scan_points
-from miniloop_cli.graph.repeats import steps_m
 from miniloop_cli.graph.visibility import partners
-from miniloop_cli.graph.witness import Witness
-from miniloop_cli.parallel import Workers
 from miniloop_cli.pipeline import register
+from miniloop_cli.runtime.artifact_store import Store, default_folder
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.points import scan_points
+from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.typing import Bools, Floats, Ints
+from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.verification.repetition import steps_m
 
 KINDS = ("random", "consistent")
 TRUE_DEG, TRUE_M = 5.0, 0.10  # an estimate within this of the ground truth is a true edge

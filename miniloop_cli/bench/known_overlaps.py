@@ -8,17 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.config import Settings
+from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.errors import InputError
-from miniloop_cli.evaluation.association import associate
-from miniloop_cli.features.extract import ExtractedScan, extract
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.candidates import comparer, listed_pairs
-from miniloop_cli.graph.overlap import Matches, ScanPoints, edge_matches, scan_points
-from miniloop_cli.parallel import Workers
-from miniloop_cli.scans import open_sequence, read_ground_truth
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.ransac.matches import edge_matches
+from miniloop_cli.runtime.artifact_store import Store, default_folder
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.points import Matches, ScanPoints, scan_points
+from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.match import comparer, listed_pairs
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but a mistake

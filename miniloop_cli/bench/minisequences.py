@@ -11,11 +11,12 @@ import numpy as np
 from miniloop_cli.bench.noise import METHODS, PAPER, chained, edges_of
 from miniloop_cli.bench.overlaps import Overlaps, overlaps
 from miniloop_cli.config import Settings
-from miniloop_cli.errors import RegistrationError
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.overlap import Matches, edge_matches
-from miniloop_cli.parallel import Workers
+from miniloop_cli.ransac.matches import edge_matches
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.points import Matches
+from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.typing import Bools, Floats
 
 Row = dict[str, Any]

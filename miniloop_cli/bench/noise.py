@@ -18,9 +18,10 @@ import numpy as np
 
 from miniloop_cli.bench.problems import random_rotations
 from miniloop_cli.config import Ransac
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.ransac.estimate import EdgeMatches, estimate
+from miniloop_cli.ransac.estimate import estimate
+from miniloop_cli.ransac.matches import EdgeMatches
+from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.typing import Floats
 
 Edges = dict[tuple[int, int], EdgeMatches]
@@ -120,7 +121,7 @@ def noise_rows(trials: int, seed: int, jobs: int = -1, quiet: bool = True) -> li
     """
     from joblib import Parallel, delayed
 
-    from miniloop_cli.progress import track
+    from miniloop_cli.runtime.progress import track
 
     settings = [("noise", level, OUTLIERS_FIXED) for level in NOISE]
     settings += [("outliers", NOISE_FIXED, level) for level in OUTLIERS]

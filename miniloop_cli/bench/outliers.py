@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.average import average
 from miniloop_cli.bench.averaging import errors
 from miniloop_cli.bench.false_edges import KINDS, TrueGraph, with_false_edges
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging
-from miniloop_cli.evaluation.alignment import umeyama
-from miniloop_cli.files import atomic_write
-from miniloop_cli.graph.edges import REJECTED, Edge
-from miniloop_cli.graph.witness import Witness
-from miniloop_cli.poses import used
+from miniloop_cli.geometry.alignment import umeyama
 from miniloop_cli.refinement.posegraph import refine_pose_graph
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.scene.edge import REJECTED, Edge
+from miniloop_cli.scene.poses import used
+from miniloop_cli.stages.average import average
 from miniloop_cli.typing import Bools, Floats
+from miniloop_cli.verification.consistency_check import Witness
 
 Row = dict[str, Any]
 # Edges to T_world_cam (n, 4, 4), which of the scans have a pose, and the edges as judged (None: they are not judged).
@@ -63,7 +63,7 @@ def outlier_rows(
     """
     methods = dict(METHODS)
     if peers:
-        from miniloop_cli.bench.outlier_peers import installed
+        from miniloop_cli.bench.peers.outliers import installed
 
         methods |= installed()
     clean = {

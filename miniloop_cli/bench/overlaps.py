@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.artefacts import Store, default_folder, fingerprint
 from miniloop_cli.config import Settings
+from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.errors import InputError
-from miniloop_cli.evaluation.association import associate
 from miniloop_cli.features.detect import comparable
-from miniloop_cli.features.extract import extract
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.candidates import listed_pairs, match_fully
-from miniloop_cli.graph.kept import matches_by_chunk
-from miniloop_cli.graph.overlap import Matches, ScanPoints, scan_points
-from miniloop_cli.parallel import Workers
-from miniloop_cli.scans import open_sequence, read_ground_truth
-from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.runtime.artifact_store import Store, default_folder, fingerprint
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.points import Matches, ScanPoints, scan_points
+from miniloop_cli.scene.sequence import Sequence, Trajectory
+from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.match import listed_pairs, match_fully
+from miniloop_cli.stages.serialization import matches_by_chunk
 from miniloop_cli.typing import Bools, Floats
 
 # Edges of the paper's graphs of 100 scans each; its T is not given, so that ours is told by the number of edges.

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.artefacts import default_folder
 from miniloop_cli.bench.stages import SessionStore, StageClock
 from miniloop_cli.config import load_settings
+from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
-from miniloop_cli.files import atomic_write
-from miniloop_cli.graph.edges import VERIFIED, judge
-from miniloop_cli.parallel import Workers
-from miniloop_cli.pipeline import Registration, register
-from miniloop_cli.scans import open_sequence, read_ground_truth
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.pipeline import register
+from miniloop_cli.ransac.cycle_edges import judge
+from miniloop_cli.runtime.artifact_store import default_folder
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED
+from miniloop_cli.scene.registration import Registration
+from miniloop_cli.scene.sequence import Trajectory
 
 Row = dict[str, Any]
 WAYS = {  # every name with the settings that make it

@@ -10,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
 from miniloop_cli.config import load_settings
-from miniloop_cli.errors import ConfigError, RegistrationError
-from miniloop_cli.evaluation.association import associate
-from miniloop_cli.export.tables import reason
-from miniloop_cli.files import atomic_write
-from miniloop_cli.parallel import Workers
-from miniloop_cli.pipeline import Registration, register
-from miniloop_cli.scans import open_sequence, read_ground_truth
-from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.errors import ConfigError
+from miniloop_cli.pipeline import register
+from miniloop_cli.results.tables import reason
+from miniloop_cli.runtime.artifact_store import Store, default_folder
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.registration import Registration, RegistrationError
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.write import write_sequence
 
 Row = dict[str, Any]
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from miniloop_cli.bench.problems import noisy_cycle, random_problems
 from miniloop_cli.config import Ransac
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
+from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.solvers.batch import edges_of, match_residuals
 from miniloop_cli.typing import Floats
 
@@ -53,6 +53,9 @@ SOLVERS: dict[str, Entry] = {
 }
 
 
+LONG = ("cycle6", "cycle7")
+
+
 def _seconds(call: Callable[[int], object], count: int) -> float:
     """Time of call(0), .., call(count - 1), each the fastest of a few: other programs only ever slow it down."""
     total = 0.0
@@ -68,7 +71,8 @@ def _seconds(call: Callable[[int], object], count: int) -> float:
 
 def solver_row(name: str, problems: int, rng: np.random.Generator) -> dict[str, Any]:
     """Measure one solver of SOLVERS on `problems` exact random cycles in a unit cube."""
-    module, entry = importlib.import_module(f"miniloop_cli.solvers.{name}"), SOLVERS[name]
+    entry = SOLVERS[name]
+    module = importlib.import_module(f"miniloop_cli.solvers.{'long_cycles.' * (name in LONG)}{name}")
     p, q, truth = random_problems(rng, module.MATCHES, problems, upright=entry.upright)
     # Real solutions only: on exact data the real part of a complex pair is no solution.
     exactly = {"nearly_real": 0.0} if hasattr(module, "solve_within") else {}

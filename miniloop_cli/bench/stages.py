@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from miniloop_cli.artefacts import Arrays, Store
+from miniloop_cli.runtime.artifact_store import Arrays, Store
 
 Key = tuple[str, str]
 

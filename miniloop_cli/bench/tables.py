@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.artefacts import Store, default_folder
 from miniloop_cli.bench.overlaps import Overlaps, overlaps, paper_sequence
 from miniloop_cli.config import load_settings
-from miniloop_cli.errors import RegistrationError
 from miniloop_cli.evaluation.errors import relative_errors
-from miniloop_cli.files import atomic_write
 from miniloop_cli.graph.cycles import decompose
-from miniloop_cli.graph.edges import Edge
-from miniloop_cli.graph.overlap import Matches, overlap_graph
-from miniloop_cli.parallel import Workers
-from miniloop_cli.pipeline import Registration, register
+from miniloop_cli.graph.overlap import overlap_graph
+from miniloop_cli.pipeline import register
+from miniloop_cli.runtime.artifact_store import Store, default_folder
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.points import Matches
+from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.typing import Floats
 
 Row = dict[str, Any]

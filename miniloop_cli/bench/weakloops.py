@@ -19,14 +19,15 @@ import numpy as np
 
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Ransac, load_settings
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.cycles import Cycle
-from miniloop_cli.graph.edges import directed, in_order, sides, weakest_last
-from miniloop_cli.graph.overlap import Matches, overlap_graph
-from miniloop_cli.parallel import Workers
+from miniloop_cli.graph.edge_pool import Cycle
+from miniloop_cli.graph.overlap import overlap_graph
+from miniloop_cli.ransac.cycle_edges import directed, in_order, sides, weakest_last
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.points import Matches
 from miniloop_cli.typing import Ints, Pair
 
 Row = dict[str, Any]

@@ -48,7 +48,7 @@ def show() -> None:
     \b
     Example:   miniloop cache show
     """
-    from miniloop_cli.artefacts import default_folder
+    from miniloop_cli.runtime.artifact_store import default_folder
 
     folder = default_folder()
     kept = kept_files(folder)
@@ -70,7 +70,7 @@ def prune(days: float | None, everything: bool) -> None:
     \b
     Example:   miniloop cache prune --older-than 30
     """
-    from miniloop_cli.artefacts import default_folder
+    from miniloop_cli.runtime.artifact_store import default_folder
 
     if everything == (days is not None):
         raise click.UsageError("say what to remove: --older-than DAYS or --all")

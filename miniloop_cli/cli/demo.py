@@ -23,10 +23,10 @@ def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) ->
     \b
     Example:   miniloop demo
     """
-    from miniloop_cli.ahead import compile_ahead
     from miniloop_cli.cli.eval import evaluate
     from miniloop_cli.cli.register import register
     from miniloop_cli.cli.simulate import simulate
+    from miniloop_cli.warmup import compile_ahead
 
     folder = output or Path("demo")
     recording, result = folder / "recording", folder / "result"

@@ -79,7 +79,7 @@ def evaluate(
     """
     from miniloop_cli import api
     from miniloop_cli.evaluation.evaluate import Protocol
-    from miniloop_cli.evaluation.results import newest_result
+    from miniloop_cli.results.folder import newest_result
 
     source = result or newest_result()
     protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap)

@@ -88,10 +88,10 @@ def open_model(result: Path | None, sequence: Path | None, layout: str | None, c
 
     The camera is that of the run, unless another one is given.
     """
+    from miniloop_cli.datasets import open_sequence
     from miniloop_cli.errors import MiniloopError
-    from miniloop_cli.evaluation.results import Results, newest_result
     from miniloop_cli.export.model import Model
-    from miniloop_cli.scans import open_sequence
+    from miniloop_cli.results.folder import Results, newest_result
 
     results = Results(result or newest_result())
     if camera is None and results.camera:

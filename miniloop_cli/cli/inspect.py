@@ -36,9 +36,9 @@ def inspect(
     """
     import numpy as np
 
+    from miniloop_cli.datasets import open_sequence
     from miniloop_cli.inspection.inspect import inspect as run
     from miniloop_cli.inspection.text import describe
-    from miniloop_cli.scans import open_sequence
 
     result = run(open_sequence(sequence, layout, camera), np.random.default_rng(seed))
     if json_path:

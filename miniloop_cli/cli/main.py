@@ -17,7 +17,7 @@ import click
 
 from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
-from miniloop_cli.interrupts import heed_interrupts, interrupts_are_over
+from miniloop_cli.runtime.signals import heed_interrupts, interrupts_are_over
 
 PROGRAM = "miniloop"
 # What imports make stays: looking for garbage among it every 700 objects took a fifteenth of a repeated run.

@@ -46,7 +46,7 @@ def mesh(
     Example:   miniloop mesh results/desk --voxel 0.02
     """
     from miniloop_cli.export.mesh import fuse
-    from miniloop_cli.export.ply import write_ply
+    from miniloop_cli.results.ply import write_ply
 
     model = open_model(result, sequence, layout, camera)
     surface = fuse(model, voxel, max_depth, memory, min_weight, quiet)

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from miniloop_cli.files import atomic_write
+from miniloop_cli.runtime.atomic_files import atomic_write
 
 
 def complete(name: str) -> Callable:

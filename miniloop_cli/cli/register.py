@@ -11,7 +11,7 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 if TYPE_CHECKING:
-    from miniloop_cli.pipeline import Registration
+    from miniloop_cli.scene.registration import Registration
 
 MOST_REASONS = 8  # that the summary shows
 FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
@@ -97,10 +97,10 @@ def register(
                miniloop eval --gt rgbd_dataset_freiburg1_xyz
     """
     from miniloop_cli.api import register as run_register
-    from miniloop_cli.export.results import summary
+    from miniloop_cli.results.write import summary
 
     if recording_path:
-        from miniloop_cli.export.rerun import import_rerun
+        from miniloop_cli.report.rerun import import_rerun
 
         import_rerun()  # said now, not when the work is done
 
@@ -126,7 +126,7 @@ def register(
     )
     folder = output or Path("results") / run.sequence.name
     if recording_path:
-        from miniloop_cli.export.rerun import write_rerun
+        from miniloop_cli.report.rerun import write_rerun
 
         write_rerun(run, folder, recording_path)
     if json_path:
@@ -139,9 +139,9 @@ def print_summary(run: Registration, folder: Path) -> None:
     """What was found, as a table that fits 80 columns."""
     import numpy as np
 
-    from miniloop_cli.export.results import summary
-    from miniloop_cli.export.tables import reason
-    from miniloop_cli.report.verdict import runs
+    from miniloop_cli.results.assessment import runs
+    from miniloop_cli.results.tables import reason
+    from miniloop_cli.results.write import summary
 
     numbers, seconds = summary(run), run.timings_s
     solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]

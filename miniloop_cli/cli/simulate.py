@@ -66,7 +66,7 @@ def simulate(
     Example:   miniloop simulate room && miniloop register room
     """
     from miniloop_cli import api
-    from miniloop_cli.progress import track
+    from miniloop_cli.runtime.progress import track
 
     done = api.simulate(
         folder,

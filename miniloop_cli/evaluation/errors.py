@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.evaluation.association import nearest
 from miniloop_cli.geometry import se3
+from miniloop_cli.scene.interpolation import nearest
 from miniloop_cli.typing import Floats, Ints
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.evaluation.alignment import umeyama
-from miniloop_cli.evaluation.association import associate
 from miniloop_cli.evaluation.errors import consecutive_pairs, pairs_apart, relative_errors, statistics
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
 
 

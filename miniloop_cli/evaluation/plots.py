@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.files import atomic_write
+from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.typing import Floats
 
 if TYPE_CHECKING:

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.export.g2o import pose_rows
+from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.ply import read_ply
 from miniloop_cli.export.undistort import undistorter
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
-from miniloop_cli.progress import track
-from miniloop_cli.scans import read_scan
+from miniloop_cli.results.g2o import pose_rows
+from miniloop_cli.results.ply import read_ply
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Bytes, Floats32
 
 MOST_POINTS = 100_000

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.geometry import se3
-from miniloop_cli.interrupts import uninterrupted
-from miniloop_cli.progress import track
-from miniloop_cli.scans import read_scan
+from miniloop_cli.runtime.progress import track
+from miniloop_cli.runtime.signals import uninterrupted
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 BLOCK = 16  # voxels a side

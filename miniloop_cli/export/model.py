@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.errors import InputError
-from miniloop_cli.evaluation.association import nearest
-from miniloop_cli.evaluation.results import Results
-from miniloop_cli.export.g2o import PoseGraph, read_g2o
-from miniloop_cli.scans.sequence import Sequence, Trajectory
+from miniloop_cli.results.folder import Results
+from miniloop_cli.results.g2o import PoseGraph, read_g2o
+from miniloop_cli.scene.interpolation import nearest
+from miniloop_cli.scene.sequence import Sequence, Trajectory
 from miniloop_cli.typing import Floats, Ints
 
 SAME_STAMP_S = 1e-4

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
-from miniloop_cli.files import atomic_write
-from miniloop_cli.scans import read_scan
-from miniloop_cli.scans.sequence import DepthFormat, Sequence
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.scene.sequence import DepthFormat, Sequence
 
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 NOTE = (

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from miniloop_cli.export.model import Model
-from miniloop_cli.files import atomic_write
 from miniloop_cli.geometry import se3
+from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.typing import Floats
 
 VERSION = {"version_major": 1, "version_minor": 0}

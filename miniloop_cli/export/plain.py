@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.export.g2o import write_g2o
+from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.ply import write_ply
-from miniloop_cli.files import atomic_write
-from miniloop_cli.scans.trajectory import write_trajectory
+from miniloop_cli.results.g2o import write_g2o
+from miniloop_cli.results.ply import write_ply
+from miniloop_cli.runtime.atomic_files import atomic_write
 
 CONVENTIONS = (
     "T_world_cam (n, 4, 4) maps points of the camera (x right, y down, z forward, metres) into the world; "

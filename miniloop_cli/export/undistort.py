@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Scan
 
 
 def undistorter(camera: Camera) -> Callable[[Scan], Scan]:

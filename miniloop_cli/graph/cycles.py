@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from miniloop_cli.graph.exchange import exchange, odd_pairs
-from miniloop_cli.graph.free_edges import Cycle, FreeEdges
+from miniloop_cli.graph.cycle_local_search import exchange, odd_pairs
+from miniloop_cli.graph.edge_pool import Cycle, FreeEdges
 
 if TYPE_CHECKING:
     import networkx as nx

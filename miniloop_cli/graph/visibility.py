@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.overlap import ScanPoints
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.typing import Floats, Ints, Pair
 
 SAMPLE = 100  # points that stand for a scan

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.scene.sequence import Scan
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from miniloop_cli.datasets import read_ground_truth, read_scan
+from miniloop_cli.datasets.images import read_header
+from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import InputError
 from miniloop_cli.inspection import findings, registration
 from miniloop_cli.inspection.findings import Finding
@@ -16,10 +19,7 @@ from miniloop_cli.inspection.images import frame_numbers
 from miniloop_cli.inspection.pairs import FeatureCache, MatchedPair, match_frames, matched_pairs, resection
 from miniloop_cli.inspection.scale import KINECT_STEP_PER_M, disparity_step, fit_focal, scale_against_truth
 from miniloop_cli.inspection.timing import timing
-from miniloop_cli.scans import read_ground_truth, read_scan
-from miniloop_cli.scans.images import read_header
-from miniloop_cli.scans.paths import shown
-from miniloop_cli.scans.sequence import Scan, Sequence
+from miniloop_cli.scene.sequence import Scan, Sequence
 
 SAMPLE, ANCHORS, MAX_FITTED = 24, 16, 30
 ODD = 0.2  # a frame is odd whose depth explains so much less than that of the others

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Depth, Features
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.detect import comparable
-from miniloop_cli.features.lift import ScanFeatures, scan_features
+from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.match import match
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Floats
 
 FEATURES = Features(count=1500)

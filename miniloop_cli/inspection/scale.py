@@ -16,9 +16,9 @@ import numpy as np
 from numpy.random import Generator
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.inspection.pairs import MatchedPair, resection
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Floats32
 
 FACTORS = np.exp(np.linspace(-0.35, 0.35, 11))

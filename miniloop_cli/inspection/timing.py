@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.scans.sequence import Sequence
+from miniloop_cli.scene.sequence import Sequence
 
 GAP = 5.0  # intervals this many times longer than the median are gaps
 

@@ -10,9 +10,10 @@ import numpy as np
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.procrustes import procrustes
+from miniloop_cli.ransac.local_refinement import edge_poses, settle
 from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
 from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
-from miniloop_cli.ransac.settle import edge_poses, settle
 from miniloop_cli.typing import Bools, Floats
 
 SIGMAS = 3.0  # a match may be this many of its own sigmas farther off than the threshold
@@ -113,13 +114,6 @@ def _settled(
         ),
         hypotheses,
     )
-
-
-def procrustes(p: Floats, q: Floats) -> Floats:
-    """Rigid (4, 4) that maps p (m, 3) onto q (m, 3), m >= 3, in least squares (Schönemann 1966; Arun et al. 1987)."""
-    mean_p, mean_q = p.mean(axis=0), q.mean(axis=0)
-    R = se3.project_so3((q - mean_q).T @ (p - mean_p))
-    return se3.pose(R, mean_q - R @ mean_p)
 
 
 def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypotheses: int) -> CycleEstimate:

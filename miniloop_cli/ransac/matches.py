@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from miniloop_cli.typing import Floats, Ints, Pair
+
+if TYPE_CHECKING:
+    pass
+from typing import NamedTuple
+
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.scene.points import ScanPoints
 
 
 @dataclass(frozen=True)
@@ -65,3 +71,11 @@ def pack(edges: Sequence[EdgeMatches]) -> Packed:
         e = int(np.searchsorted(packed.start, bad.argmax(), "right")) - 1
         raise MiniloopError(f"matches of edge {e}: point or covariance {bad.argmax() - packed.start[e]} is not finite")
     return packed
+
+
+def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: Ints) -> EdgeMatches:
+    """The matches of a pair in space, from scan pair[0] to scan pair[1]."""
+    a, b = points[pair[0]], points[pair[1]]
+    return EdgeMatches(
+        a.points_m[rows[:, 0]], b.points_m[rows[:, 1]], a.covariances_m2[rows[:, 0]], b.covariances_m2[rows[:, 1]]
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from miniloop_cli.ransac.gauss_newton import WHOLE, compose_into
 from miniloop_cli.ransac.matches import Packed
-from miniloop_cli.ransac.system import WHOLE, compose_into
 from miniloop_cli.typing import Floats, Ints
 
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win

@@ -10,10 +10,10 @@ from types import ModuleType
 import numpy as np
 
 from miniloop_cli.config import Ransac
+from miniloop_cli.ransac.gauss_newton import CAUCHY2, gauss_newton
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.sampling import draw_samples
 from miniloop_cli.ransac.scoring import best_of, inlier_sample_share, score_cycle
-from miniloop_cli.ransac.system import CAUCHY2, gauss_newton
 from miniloop_cli.typing import Floats
 
 FIRST, LARGEST = 32, 256  # hypotheses of the first batch; later ones double
@@ -31,16 +31,17 @@ class Solver:
 
     name: str
     options: tuple[float, ...] = ()
+    room: str = ""
 
     @property
     def module(self) -> ModuleType:
         """Imported when it is first used: a solver that is not used is not compiled either."""
-        return importlib.import_module(f"miniloop_cli.solvers.{self.name}")
+        return importlib.import_module(f"miniloop_cli.solvers.{self.room}{self.name}")
 
 
 # By number of scans.
 SOLVERS = {n: Solver(name) for n, name in {2: "pairwise", 3: "cycle3", 4: "cycle4", 5: "cycle5"}.items()}
-SOLVERS |= {n: Solver(f"cycle{n}", (NEARLY_REAL,)) for n in (6, 7)}
+SOLVERS |= {n: Solver(f"cycle{n}", (NEARLY_REAL,), "long_cycles.") for n in (6, 7)}
 UPRIGHT_SOLVERS = {n: Solver(f"planar{n}") for n in (2, 3, 4)}
 
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.se3 import pose, project_so3, transform
 from miniloop_cli.refinement.bundle_problem import Bundle
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
-from miniloop_cli.refinement.lm import Descent, minimise
-from miniloop_cli.refinement.parts import image_part
+from miniloop_cli.refinement.jackknife import image_part
+from miniloop_cli.refinement.levenberg_marquardt import Descent, minimise
 from miniloop_cli.refinement.points import initial_points
 from miniloop_cli.refinement.robust import KERNELS, Kernel
 from miniloop_cli.refinement.track_terms import Model, Observations
-from miniloop_cli.scans.camera import Camera
 from miniloop_cli.typing import Bools, Floats, Ints
 
 

@@ -8,13 +8,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from miniloop_cli.averaging.graph import components
 from miniloop_cli.geometry.se3 import exp_so3
 from miniloop_cli.refinement.block_system import BlockSystem
-from miniloop_cli.refinement.parts import left_shares
+from miniloop_cli.refinement.jackknife import left_shares
 from miniloop_cli.refinement.robust import NAMES, weight_and_curvature
 from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.track_terms import Model, Observations, evaluate_tracks, mark_seen_together
+from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints
 
 Part = TypeVar("Part")

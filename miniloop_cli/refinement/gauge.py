@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.averaging.graph import components
 from miniloop_cli.geometry import se3
+from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Floats, Ints
 
 

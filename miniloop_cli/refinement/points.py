@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.typing import Bools, Floats, Ints
 
 _MIN_PARALLAX_RAD = np.radians(1.0)

@@ -11,7 +11,7 @@ from miniloop_cli.geometry.se3 import exp_so3, pose, project_so3
 from miniloop_cli.refinement.block_system import BlockSystem
 from miniloop_cli.refinement.edge_terms import Edges, add_edges, evaluate_edges, make_edges
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
-from miniloop_cli.refinement.lm import Descent, minimise
+from miniloop_cli.refinement.levenberg_marquardt import Descent, minimise
 from miniloop_cli.refinement.robust import Kernel, noise_gain
 from miniloop_cli.typing import Floats
 

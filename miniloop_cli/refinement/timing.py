@@ -15,19 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Ints
 
 if TYPE_CHECKING:  # a run that finds refined poses in the store needs no bundle adjustment
     from miniloop_cli.refinement.bundle import BundleResult
-
-
-@dataclass(frozen=True)
-class Timing:
-    """readout_s: from the first row of a colour image to the last; lag_s: depth was taken so much after its stamp."""
-
-    readout_s: float = 0.0
-    lag_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.pictures.images import data_uri, png
-from miniloop_cli.report.data import Edges, Frames, ReportData
+from miniloop_cli.report.images import data_uri, png
 from miniloop_cli.report.svg import Chart, limits, wrap
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.results.columns import Edges, Frames, ReportData
+from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Bools, Ints
 
 # Columns of the horizontal and vertical axis and the sign of the latter: z is up in a motion-capture world, the
@@ -34,7 +34,7 @@ def named(solver: str) -> str:
 
 def frame_numbers(frames: Frames, trajectory: Trajectory) -> Ints:
     """(n,) number of the frame of every pose, by the nearest stamp."""
-    from miniloop_cli.evaluation.association import nearest
+    from miniloop_cli.scene.interpolation import nearest
 
     return nearest(frames.timestamp_s, trajectory.timestamps_s)
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from miniloop_cli import __version__
-from miniloop_cli.artefacts import Store
+from miniloop_cli.datasets import read_ground_truth
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
-from miniloop_cli.files import atomic_write
 from miniloop_cli.report import sections
-from miniloop_cli.report.data import ReportData
-from miniloop_cli.report.verdict import GOOD, judge
-from miniloop_cli.scans import read_ground_truth
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.results.assessment import GOOD, judge
+from miniloop_cli.results.columns import ReportData
+from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.scene.sequence import Trajectory
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.artefacts import Store
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.evaluation.results import LARGEST
-from miniloop_cli.pictures.images import data_uri, frame_image, jpeg
-from miniloop_cli.pictures.kept import VIEWS_DEG, edge_picture, model_pictures
 from miniloop_cli.report import charts
-from miniloop_cli.report.data import Edges, ReportData
-from miniloop_cli.report.verdict import Verdict, left_out, runs
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.report.cached_images import VIEWS_DEG, edge_picture, model_pictures
+from miniloop_cli.report.images import data_uri, frame_image, jpeg
+from miniloop_cli.results.assessment import Verdict, left_out, runs
+from miniloop_cli.results.columns import Edges, ReportData
+from miniloop_cli.results.folder import LARGEST
+from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.scene.sequence import Trajectory
 
 WORST_EDGES = 10
 MOST_ROWS = 5000  # of the edge table; the rest is in edges.csv

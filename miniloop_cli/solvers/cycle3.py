@@ -22,7 +22,7 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import (
+from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     aligned,
     at,
@@ -35,8 +35,8 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
+from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL
 from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.solvers.polynomials import NEARLY_REAL
 from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 1)

@@ -21,7 +21,7 @@ import math
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import (
+from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     Motion,
     Point,
@@ -39,8 +39,8 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
+from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, roots_on_circle, workspace
 from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
 from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 1)

@@ -28,7 +28,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.solvers.alignment import (
+from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     Motion,
     Point,
@@ -45,11 +45,11 @@ from miniloop_cli.solvers.alignment import (
     unit,
     write_edge,
 )
+from miniloop_cli.solvers._kernels.closing import close_loop, equidistant
+from miniloop_cli.solvers._kernels.cycle_rotation import read_from, write_back
+from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, roots_on_circle, workspace
+from miniloop_cli.solvers._kernels.trig_polynomials import Waves, conj, mix, norm_excess, product, value, waves
 from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.solvers.closing import close_loop, equidistant
-from miniloop_cli.solvers.polynomials import NEARLY_REAL, roots_on_circle, workspace
-from miniloop_cli.solvers.ring import read_from, write_back
-from miniloop_cli.solvers.waves import Waves, conj, mix, norm_excess, product, value, waves
 from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (2, 2, 2, 2, 2)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, aligned, frame_through, off_axis, unit, write_edge
+from miniloop_cli.solvers._kernels.alignment import OPTIONS, aligned, frame_through, off_axis, unit, write_edge
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.typing import Floats, Ints
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from numba import njit
 
-from miniloop_cli.solvers.alignment import OPTIONS, unit
+from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
+from miniloop_cli.solvers._kernels.known_vertical import finite, rise, turns_reaching, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.solvers.upright import finite, rise, turns_reaching, write_upright, xy
 from miniloop_cli.typing import Floats, Ints
 
 MATCHES = (1, 1, 1)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from miniloop_cli.averaging.graph import components
 from miniloop_cli.bench.averaging import errors
 from miniloop_cli.bench.view_graphs import view_graph
-from miniloop_cli.cli.bench_averaging import bench_averaging
+from miniloop_cli.cli.bench.averaging import bench_averaging
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, inverse, rotation_angle_deg
+from miniloop_cli.scene.view_graph import components
 
 
 @pytest.mark.parametrize("kind", ["video", "expander"])

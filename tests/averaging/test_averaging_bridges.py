@@ -5,9 +5,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from miniloop_cli.average import confirmed
-from miniloop_cli.averaging.graph import bridges, components
-from miniloop_cli.graph.edges import REJECTED, VERIFIED, Edge
+from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
+from miniloop_cli.scene.view_graph import bridges, components
+from miniloop_cli.verification.gating import confirmed
 
 COUNT = 9
 pair = st.tuples(st.integers(0, COUNT - 1), st.integers(0, COUNT - 1)).filter(lambda ends: ends[0] < ends[1])

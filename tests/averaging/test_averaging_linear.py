@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.linalg import lsqr
 
-from miniloop_cli.averaging.elimination import apply, eliminate
-from miniloop_cli.averaging.linear import DENSE_SCANS, Differences
+from miniloop_cli.averaging.approximate_cholesky import apply, eliminate
+from miniloop_cli.averaging.laplacian import DENSE_SCANS, Differences
 from miniloop_cli.bench.view_graphs import view_graph
 
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.averaging.graph import GraphError
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.geometry.se3 import exp_so3
+from miniloop_cli.scene.view_graph import GraphError
 
 
 def make(kind="video", scans=60, edges=250, outliers=0.0, noise_m=0.0, seed=0):

@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import evaluate, register, simulate
-from miniloop_cli.artefacts import Store
 from miniloop_cli.bench.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
 from miniloop_cli.bench.stages import Seconds, SessionClock, SessionStore, StageClock
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.config import load_settings
 from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.runtime.artifact_store import Store
 
 LENS = (0.26, -0.95, 0.0, 0.0, 1.16)
 NAMES = ["ROS camera", "pairwise only", "averaging only"]

@@ -12,8 +12,9 @@ from miniloop_cli.bench.scenes import SCENES, Scene, scene_row, scene_rows
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
-from miniloop_cli.parallel import Workers
-from miniloop_cli.scans.simulation import SimulationSettings, true_trajectory
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.simulate import true_trajectory
 
 
 @pytest.fixture(scope="module", autouse=True)

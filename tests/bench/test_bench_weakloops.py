@@ -17,7 +17,7 @@ from miniloop_cli.cli.bench import bench
 from miniloop_cli.config import load_settings
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
-from miniloop_cli.parallel import Workers
+from miniloop_cli.runtime.parallel import Workers
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 from command_line import FRAMES, run_process
 
-from miniloop_cli.scans.simulation import SimulationSettings, write_sequence
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.write import write_sequence
 
 
 @pytest.fixture(scope="session")

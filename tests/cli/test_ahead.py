@@ -5,11 +5,11 @@ import sys
 
 from command_line import environment
 
-from miniloop_cli.ahead import compile_ahead, compiled, rehearse
+from miniloop_cli.warmup import compile_ahead, compiled, rehearse
 
 
 def test_an_empty_cache_is_seen(tmp_path):
-    code = "from miniloop_cli.ahead import compiled; print(compiled())"
+    code = "from miniloop_cli.warmup import compiled; print(compiled())"
     said = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,

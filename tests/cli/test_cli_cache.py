@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from command_line import invoke
 
-from miniloop_cli.artefacts import Store, fingerprint
+from miniloop_cli.runtime.artifact_store import Store, fingerprint
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ import cluster_work
 import pytest
 from command_line import ROOT, command, differing, environment, run_process
 
-from miniloop_cli import cluster as cluster_module
-from miniloop_cli.cluster import Cluster, connected
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.parallel import Workers
+from miniloop_cli.runtime import dask_cluster as cluster_module
+from miniloop_cli.runtime.dask_cluster import Cluster, connected
+from miniloop_cli.runtime.parallel import Workers
 
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "stdin": subprocess.DEVNULL}
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from command_line import FRAMES, ROOT
 
-import miniloop_cli.scans
+import miniloop_cli.datasets
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.cli.main import cli
 from miniloop_cli.cli.register import FEATURES
 from miniloop_cli.config import keys
-from miniloop_cli.scans import open_sequence, read_scan
+from miniloop_cli.datasets import open_sequence, read_scan
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -89,7 +89,9 @@ def block(name):
 
 def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "extending_layout", block("layout"))
-    monkeypatch.setattr(miniloop_cli.scans, "LAYOUTS", {"robot": "extending_layout"} | dict(miniloop_cli.scans.LAYOUTS))
+    monkeypatch.setattr(
+        miniloop_cli.datasets, "LAYOUTS", {"robot": "extending_layout"} | dict(miniloop_cli.datasets.LAYOUTS)
+    )
     for old, new in (("rgb", "image"), ("depth", "range")):
         for k, path in enumerate(sorted((recording / old).glob("*.png"))):
             (tmp_path / f"{new}-{k:04d}.png").write_bytes(path.read_bytes())

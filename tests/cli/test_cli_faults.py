@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from command_line import command, contents, differing, environment, run_process
 
-from miniloop_cli.artefacts import Store
-from miniloop_cli.files import HOST, atomic_write
-from miniloop_cli.lock import exclusive
+from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.runtime.atomic_files import HOST, atomic_write
+from miniloop_cli.runtime.folder_lock import exclusive
 
 # Root may write everywhere; without these capabilities it is held to the same permissions as anybody.
 LIKE_ANYBODY = ("setpriv", "--bounding-set", "-dac_override,-dac_read_search", "--inh-caps", "-all")
@@ -133,7 +133,7 @@ def test_too_little_memory_is_said_and_more_of_it_continues(recording, registere
 def test_a_helper_that_dies_is_not_missed(registered, recording, tmp_path):
     """The process that compiles ahead is killed as soon as it is there."""
     script = (
-        "import miniloop_cli.ahead as ahead, os, signal, sys\n"
+        "import miniloop_cli.warmup as ahead, os, signal, sys\n"
         "ahead.compiled = lambda: False\n"
         "helper = ahead.compile_ahead()\n"
         "os.kill(helper.pid, signal.SIGKILL)\n"
@@ -195,7 +195,7 @@ def test_damaged_artefacts_are_made_again(registered, recording, tmp_path):
 
 def test_the_lock_of_a_dead_process_does_not_stay(tmp_path):
     script = (
-        "import sys, time; from pathlib import Path; from miniloop_cli.lock import exclusive\n"
+        "import sys, time; from pathlib import Path; from miniloop_cli.runtime.folder_lock import exclusive\n"
         "with exclusive(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     line = [*command()[:1], "-c", script, str(tmp_path / "out")]

@@ -11,7 +11,7 @@ import pytest
 from command_line import command, environment, launch
 
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.interrupts import uninterrupted
+from miniloop_cli.runtime.signals import uninterrupted
 
 INTERRUPTED = "miniloop: interrupted; finished work is kept, the same command continues"
 MADE_OF_IT = [  # by compiled code, the definition of a class and a failed import; the last is told as our own
@@ -130,7 +130,7 @@ def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, numbe
     body = f"""
         import os, signal, sys, threading
         from miniloop_cli.export.mesh import import_open3d
-        from miniloop_cli.interrupts import heed_interrupts, interrupts_are_over
+        from miniloop_cli.runtime.signals import heed_interrupts, interrupts_are_over
         heed_interrupts()
         threading.Timer(0.02, os.kill, (os.getpid(), {int(number)})).start()
         try:

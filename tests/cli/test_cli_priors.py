@@ -7,9 +7,9 @@ import pytest
 from command_line import launch, run_process
 
 from miniloop_cli.api import evaluate
+from miniloop_cli.datasets.trajectory import read_trajectory, write_trajectory
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans import read_trajectory, write_trajectory
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.scene.sequence import Trajectory
 
 
 @pytest.fixture(scope="module")

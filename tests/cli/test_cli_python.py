@@ -8,9 +8,10 @@ import pytest
 from command_line import FRAMES, environment
 
 import miniloop_cli
-from miniloop_cli import evaluate, register, simulate
+from miniloop_cli.api import evaluate, register, simulate
 from miniloop_cli.config import load_settings
-from miniloop_cli.errors import ConfigError, InputError, RegistrationError
+from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.scene.registration import RegistrationError
 
 
 def test_three_calls(tmp_path):

@@ -9,8 +9,8 @@ import pytest
 import yaml
 from command_line import FRAMES, command, differing, environment, invoke, run_process
 
-from miniloop_cli.files import HOST
-from miniloop_cli.lock import exclusive
+from miniloop_cli.runtime.atomic_files import HOST
+from miniloop_cli.runtime.folder_lock import exclusive
 
 FILES = {
     "camera.yaml",
@@ -94,7 +94,12 @@ def test_another_averaging_setting_repeats_averaging_only(registered, recording,
     def again(*_):
         raise AssertionError("made again")
 
-    for made in ("refine.refine", "pipeline.second_round", "pipeline.solve_edges", "export.results.fuse_cloud"):
+    for made in (
+        "refinement.joint.refine",
+        "pipeline.second_round",
+        "pipeline.solve_edges",
+        "results.write.fuse_cloud",
+    ):
         monkeypatch.setattr(f"miniloop_cli.{made}", again)
     setting = ("--set", "averaging.rotation_scale_deg=2.5")
     outcome = invoke("register", recording, "-o", tmp_path, *setting, "-q")

@@ -6,7 +6,7 @@ import sys
 import pytest
 from command_line import FRAMES, launch
 
-from miniloop_cli.export import rerun as export_rerun
+from miniloop_cli.report import rerun as export_rerun
 
 
 def test_not_installed_is_said_before_any_work(recording, tmp_path, monkeypatch):

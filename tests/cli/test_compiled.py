@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from command_line import ROOT
 
-from miniloop_cli import compiled
+from miniloop_cli.runtime import kernel_cache as compiled
 
 ADD = "from numba import njit\n\n\n@njit(cache=True)\ndef add(a, b):\n    return a {} b\n"
 CALL = """from numba import njit
@@ -28,8 +28,12 @@ def package(tmp_path):
     """A package with one kernel that calls another one, of another file."""
     folder = tmp_path / "miniloop_cli"
     folder.mkdir()
-    shutil.copy(ROOT / "miniloop_cli" / "compiled.py", folder)
-    (folder / "__init__.py").write_text("from miniloop_cli.compiled import keep_compiled\n\nkeep_compiled()\n")
+    (folder / "runtime").mkdir()
+    (folder / "runtime" / "__init__.py").touch()
+    shutil.copy(ROOT / "miniloop_cli" / "runtime" / "kernel_cache.py", folder / "runtime")
+    (folder / "__init__.py").write_text(
+        "from miniloop_cli.runtime.kernel_cache import keep_compiled\n\nkeep_compiled()\n"
+    )
     (folder / "add.py").write_text(ADD.format("+"))
     (folder / "call.py").write_text(CALL)
     return folder

@@ -4,13 +4,13 @@ import json
 import subprocess
 import sys
 
-from miniloop_cli.parallel import Workers
+from miniloop_cli.runtime.parallel import Workers
 
 HELD = """
 from threadpoolctl import threadpool_info
-from miniloop_cli.parallel import single_inner_threads
+from miniloop_cli.runtime.parallel import single_inner_threads
 with single_inner_threads():
-    import miniloop_cli.average, miniloop_cli.refine, miniloop_cli.pipeline
+    import miniloop_cli.stages.average, miniloop_cli.refinement.joint, miniloop_cli.pipeline
     import scipy.interpolate, scipy.linalg, scipy.sparse.linalg, scipy.spatial.transform
     print([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"])
 """

@@ -9,7 +9,7 @@ import pytest
 
 COUNTING = """
 import sys
-from miniloop_cli.progress import track
+from miniloop_cli.runtime.progress import track
 print(sum(track(range(30), "counting", 30, quiet="-q" in sys.argv)), "rich" in sys.modules)
 """
 

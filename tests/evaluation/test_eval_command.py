@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.cli.main import cli
+from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans.sequence import Trajectory
-from miniloop_cli.scans.trajectory import write_trajectory
+from miniloop_cli.scene.sequence import Trajectory
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.errors import InputError, MiniloopError
-from miniloop_cli.evaluation.alignment import umeyama
-from miniloop_cli.evaluation.association import associate, interpolate, nearest
 from miniloop_cli.evaluation.errors import pairs_apart, relative_errors
 from miniloop_cli.evaluation.evaluate import Protocol, edge_rows, evaluate
-from miniloop_cli.evaluation.results import Results, newest_result, read_edge_list
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.results.folder import Results, newest_result, read_edge_list
+from miniloop_cli.scene.interpolation import associate, interpolate, nearest
+from miniloop_cli.scene.sequence import Trajectory
 
 
 def random_trajectory(rng, n=60, start=1305031102.0, step=0.05):

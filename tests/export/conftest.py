@@ -6,15 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from miniloop_cli.evaluation.results import Results
-from miniloop_cli.export.g2o import write_g2o
+from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.intrinsics import save_camera
+from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.ply import write_ply
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans import open_sequence, write_trajectory
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.intrinsics import save_camera
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.results.folder import Results
+from miniloop_cli.results.g2o import write_g2o
+from miniloop_cli.results.ply import write_ply
+from miniloop_cli.scene.sequence import Trajectory
 
 KEPT = np.array([0, 1, 2, 4, 5, 7, 8])
 

@@ -10,16 +10,16 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.cli.export import FORMATS, export
+from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
-from miniloop_cli.evaluation.results import Results
 from miniloop_cli.export.colmap import write_colmap
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.nerfstudio import write_nerfstudio
 from miniloop_cli.export.open3d_json import write_open3d
 from miniloop_cli.export.plain import write_clouds, write_graph, write_kitti, write_numpy, write_tum
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans import open_sequence
-from miniloop_cli.scans.trajectory import read_trajectory
+from miniloop_cli.results.folder import Results
 
 
 def same(T, expected):

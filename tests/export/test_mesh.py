@@ -8,16 +8,17 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.cli.mesh import mesh
+from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.intrinsics import save_camera
+from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.evaluation.results import Results
 from miniloop_cli.export.mesh import BYTES_A_BLOCK, fuse, import_open3d
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.ply import read_ply
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans import open_sequence, write_trajectory
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.intrinsics import save_camera
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.results.folder import Results
+from miniloop_cli.results.ply import read_ply
+from miniloop_cli.scene.sequence import Trajectory
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.errors import InputError, MiniloopError
-from miniloop_cli.export.cloud import VoxelCloud, fuse_cloud, pack, unpack
-from miniloop_cli.export.g2o import read_g2o, write_g2o
-from miniloop_cli.export.ply import read_ply, write_ply
 from miniloop_cli.geometry import se3
+from miniloop_cli.results.fuse_cloud import VoxelCloud, fuse_cloud, pack, unpack
+from miniloop_cli.results.g2o import read_g2o, write_g2o
+from miniloop_cli.results.ply import read_ply, write_ply
 
 
 @pytest.fixture

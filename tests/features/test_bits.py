@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numba import njit, types
 from numba.extending import intrinsic
 
-from miniloop_cli.features.bits import WORDS, by_adders, by_counting, set_bits
+from miniloop_cli.features.hamming import WORDS, by_adders, by_counting, set_bits
 
 
 def counted_by(set_bits):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from miniloop_cli.features.guided import agreed, guided_match, searchable
-from miniloop_cli.features.lift import ScanFeatures
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.features import ScanFeatures
 
 NEAR2 = 32 * 40.0**2  # unrelated bytes are about 100 apart
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)

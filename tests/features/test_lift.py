@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from miniloop_cli.config import Depth, Features
 from miniloop_cli.features.detect import detect
-from miniloop_cli.features.lift import blob_shift, clear_of, depth_at, depth_slope, on_outline, scan_features
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.sequence import Scan
+from miniloop_cli.features.keypoints3d import blob_shift, clear_of, depth_at, depth_slope, on_outline, scan_features
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Scan
 
 PLAIN = Depth()
 

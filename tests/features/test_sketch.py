@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.features.detect import compact, comparable
+from miniloop_cli.features.lsh_match import CANDIDATES, LANES, match_sketched, sketch
 from miniloop_cli.features.match import match
-from miniloop_cli.features.sketch import CANDIDATES, LANES, match_sketched, sketch
 
 
 def two_views(kind, count, rng):

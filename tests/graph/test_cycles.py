@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from miniloop_cli.graph.cycle_local_search import exchange, odd_pairs
 from miniloop_cli.graph.cycles import decompose
-from miniloop_cli.graph.exchange import exchange, odd_pairs
-from miniloop_cli.graph.free_edges import FreeEdges, ring
+from miniloop_cli.graph.edge_pool import FreeEdges, ring
 
 METHODS = ["dfs", "support"]
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.overlap import ScanPoints
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.graph.visibility import partners
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.scene.points import ScanPoints
 
 CAMERA = Camera(500, 500, 320, 240, 640, 480)
 

@@ -7,8 +7,10 @@ from miniloop_cli.bench.problems import noisy_cycle
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.parallel import Workers
-from miniloop_cli.ransac.estimate import EdgeMatches, estimate, procrustes
+from miniloop_cli.geometry.procrustes import procrustes
+from miniloop_cli.ransac.estimate import estimate
+from miniloop_cli.ransac.matches import EdgeMatches
+from miniloop_cli.runtime.parallel import Workers
 
 CHI2 = 16.0
 CASES = [(n, False) for n in range(2, 8)] + [(n, True) for n in (2, 3, 4)]

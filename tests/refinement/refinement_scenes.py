@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.se3 import exp_so3, inverse, log_so3, pose
-from miniloop_cli.scans.camera import Camera
 
 CAMERA = Camera(525.0, 520.0, 319.5, 239.5, 640, 480)
 

@@ -6,7 +6,7 @@ import numpy as np
 from refinement_scenes import CAMERA, errors, perturbed, scene
 
 from miniloop_cli.refinement.bundle import BundleSettings, bundle_adjust
-from miniloop_cli.refinement.parts import PARTS, image_part, left_shares
+from miniloop_cli.refinement.jackknife import PARTS, image_part, left_shares
 
 PLAIN = BundleSettings(fixed_frame=0, kernel="none", relative_tolerance=1e-12, max_iterations=100)
 

@@ -5,11 +5,11 @@ import logging
 import numpy as np
 import pytest
 
-from miniloop_cli import refine as module
 from miniloop_cli.config import load_settings
-from miniloop_cli.graph.edges import VERIFIED, Edge
-from miniloop_cli.parallel import Workers
-from miniloop_cli.poses import Poses
+from miniloop_cli.refinement import joint as module
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.poses import Poses
 
 
 @pytest.mark.parametrize(("most", "expected"), [(3, "bundle"), (2, "pose graph")])

@@ -3,10 +3,10 @@ import pytest
 from refinement_scenes import errors, graph, perturbed, tangent
 from scipy.optimize import least_squares
 
-from miniloop_cli.averaging.graph import GraphError
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose
 from miniloop_cli.refinement.edge_terms import evaluate_edges, make_edges
 from miniloop_cli.refinement.posegraph import PoseGraphSettings, refine_pose_graph
+from miniloop_cli.scene.view_graph import GraphError
 
 TIGHT = PoseGraphSettings(relative_tolerance=1e-14, max_iterations=300)
 

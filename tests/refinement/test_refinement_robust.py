@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.refinement.lm import minimise
+from miniloop_cli.refinement.levenberg_marquardt import minimise
 from miniloop_cli.refinement.robust import KERNELS, noise_gain, robust, weight_and_curvature
 
 

@@ -7,13 +7,14 @@ import pytest
 
 from miniloop_cli.bench.pose_errors import normalised_errors, within_2_sigma
 from miniloop_cli.geometry import se3
-from miniloop_cli.refine import SHARP
-from miniloop_cli.refinement import calibration
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.refinement import rolling_shutter as calibration
 from miniloop_cli.refinement.bundle import BundleSettings
-from miniloop_cli.refinement.calibration import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
-from miniloop_cli.refinement.motion import felt_twists, twists
-from miniloop_cli.refinement.timing import Measurements, Timing, camera_depths, corrected, flow
-from miniloop_cli.scans.camera import Camera
+from miniloop_cli.refinement.frame_velocity import felt_twists, twists
+from miniloop_cli.refinement.joint import SHARP
+from miniloop_cli.refinement.rolling_shutter import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.timing import Measurements, camera_depths, corrected, flow
+from miniloop_cli.scene.timing import Timing
 
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
 STAMPS_S = 100 + np.arange(25) / 5

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from miniloop_cli.export.ply import write_ply
+from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.intrinsics import save_camera
+from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.geometry import se3
-from miniloop_cli.scans import open_sequence, write_trajectory
-from miniloop_cli.scans.camera import Camera
-from miniloop_cli.scans.intrinsics import save_camera
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.results.ply import write_ply
+from miniloop_cli.scene.sequence import Trajectory
 
 EVIL = '"><script>document.title="owned"</script>'
 FRAMES = 8

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import evaluate
-from miniloop_cli.evaluation.results import Results
-from miniloop_cli.export.g2o import read_g2o, write_g2o
-from miniloop_cli.export.ply import read_ply
 from miniloop_cli.report import charts, sections
-from miniloop_cli.report.data import load
-from miniloop_cli.report.verdict import judge
+from miniloop_cli.results.assessment import judge
+from miniloop_cli.results.columns import load
+from miniloop_cli.results.folder import Results
+from miniloop_cli.results.g2o import read_g2o, write_g2o
+from miniloop_cli.results.ply import read_ply
 
 TEXTS = ["edges.csv", "frames.csv", "summary.json", "trajectory.txt", "graph.g2o"]
 WORDS = [

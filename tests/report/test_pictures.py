@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.pictures.splat import BACKGROUND, View, overview, render, shade
+from miniloop_cli.report.splat import BACKGROUND, View, overview, render, shade
 from miniloop_cli.report.svg import Chart, limits, ticks
 
 

@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
-from miniloop_cli.artefacts import Store
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import evaluate
-from miniloop_cli.export.ply import read_ply, write_ply
-from miniloop_cli.report import write_report
 from miniloop_cli.report.charts import KINDS
-from miniloop_cli.report.data import load
-from miniloop_cli.report.verdict import FAILED, GOOD, PARTLY, judge, runs
-from miniloop_cli.scans.sequence import Trajectory
+from miniloop_cli.report.page import write_report
+from miniloop_cli.results.assessment import FAILED, GOOD, PARTLY, judge, runs
+from miniloop_cli.results.columns import load
+from miniloop_cli.results.ply import read_ply, write_ply
+from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.scene.sequence import Trajectory
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -57,8 +57,8 @@ class Page(HTMLParser):
 def test_pictures_are_kept(run, monkeypatch):
     first = written(run.results, run.sequence).read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr("miniloop_cli.pictures.kept.render", None)
-        patch.setattr("miniloop_cli.pictures.kept.match_picture", None)
+        patch.setattr("miniloop_cli.report.cached_images.render", None)
+        patch.setattr("miniloop_cli.report.cached_images.match_picture", None)
         assert written(run.results, run.sequence).read_bytes() == first
     points, colors = read_ply(run.results / "cloud.ply")
     write_ply(run.results / "cloud.ply", points, 255 - colors)

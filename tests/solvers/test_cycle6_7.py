@@ -10,8 +10,8 @@ from solver_cases import name_of, nearest_errors, poses, single
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.solvers import cycle6, cycle7
 from miniloop_cli.solvers.batch import edges_of, match_residuals
+from miniloop_cli.solvers.long_cycles import cycle6, cycle7
 
 solvers = pytest.mark.parametrize("module", [cycle6, cycle7], ids=["cycle6", "cycle7"])
 FEW = settings(derandomize=True, max_examples=25)

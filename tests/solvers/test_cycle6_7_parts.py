@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.solvers.six_revolute import solve_chain
-from miniloop_cli.solvers.six_revolute_closure import closing_error, solve_in_place
-from miniloop_cli.solvers.six_revolute_equations import axis_equations, reduce_equations
-from miniloop_cli.solvers.six_revolute_resultant import angles_at, half_angle_forms, resultant
-from miniloop_cli.solvers.six_revolute_roots import DEGREE, MAX_ROOTS, real_roots
+from miniloop_cli.solvers.long_cycles.six_revolute import solve_chain
+from miniloop_cli.solvers.long_cycles.six_revolute_closure import closing_error, solve_in_place
+from miniloop_cli.solvers.long_cycles.six_revolute_equations import axis_equations, reduce_equations
+from miniloop_cli.solvers.long_cycles.six_revolute_resultant import angles_at, half_angle_forms, resultant
+from miniloop_cli.solvers.long_cycles.six_revolute_roots import DEGREE, MAX_ROOTS, real_roots
 
 EXACT = settings(derandomize=True, max_examples=100)
 

@@ -8,8 +8,8 @@ from solver_cases import ALL, PLANAR, distance, name_of, poses, single
 
 from miniloop_cli.bench.problems import random_problems, random_rotations
 from miniloop_cli.geometry import se3
+from miniloop_cli.solvers._kernels.cycle_rotation import read_from, write_back
 from miniloop_cli.solvers.batch import edges_of
-from miniloop_cli.solvers.ring import read_from, write_back
 
 solvers = pytest.mark.parametrize("module", ALL.values(), ids=ALL.keys())
 seeds = st.integers(0, 10**6)

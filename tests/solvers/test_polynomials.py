@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.solvers.polynomials import roots_on_circle, workspace
+from miniloop_cli.solvers._kernels.polynomials import roots_on_circle, workspace
 
 EXACT = settings(derandomize=True, max_examples=200)
 

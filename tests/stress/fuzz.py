@@ -32,8 +32,11 @@ sys.path.append(str(ROOT))
 
 SECONDS, MEGABYTES = 10, 1024
 PARSERS = [  # what atheris watches: not compiled kernels, whose bytecode must stay as it is
-    *(f"miniloop_cli.scans.{name}" for name in ("association", "images", "intrinsics", "paths", "trajectory", "tum")),
-    *(f"miniloop_cli.{name}" for name in ("config", "plain_yaml", "evaluation", "export.g2o", "export.ply")),
+    *(
+        f"miniloop_cli.datasets.{name}"
+        for name in ("association", "images", "intrinsics", "paths", "trajectory", "tum")
+    ),
+    *(f"miniloop_cli.{name}" for name in ("config", "runtime.safe_yaml", "evaluation", "results.g2o", "results.ply")),
 ]
 WORDS = [
     *(
@@ -154,12 +157,13 @@ def recording_and_result(folder: Path) -> tuple[Path, Path]:
 def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
     from miniloop_cli.config import Matching, load_settings
-    from miniloop_cli.evaluation.results import read_edge_list
-    from miniloop_cli.graph.candidates import listed_pairs
-    from miniloop_cli.priors import read_priors
-    from miniloop_cli.scans import open_sequence, read_ground_truth, read_trajectory
-    from miniloop_cli.scans.images import read_color, read_depth, read_header, read_mask
-    from miniloop_cli.scans.intrinsics import load_camera
+    from miniloop_cli.datasets import open_sequence, read_ground_truth
+    from miniloop_cli.datasets.images import read_color, read_depth, read_header, read_mask
+    from miniloop_cli.datasets.intrinsics import load_camera
+    from miniloop_cli.datasets.priors import read_priors
+    from miniloop_cli.datasets.trajectory import read_trajectory
+    from miniloop_cli.results.folder import read_edge_list
+    from miniloop_cli.stages.match import listed_pairs
 
     configs = [path.read_bytes() for path in sorted((ROOT / "configs").glob("*.yaml"))]
     tables = [(room / name).read_bytes() for name in ("rgb.txt", "depth.txt")]
@@ -220,8 +224,8 @@ def results(folder: Path, room: Path, result: Path) -> dict[str, Target]:
     from miniloop_cli.api import evaluate
     from miniloop_cli.cli.export import open_model
     from miniloop_cli.export import open3d_json, plain
-    from miniloop_cli.report.data import load
-    from miniloop_cli.report.verdict import judge
+    from miniloop_cli.results.assessment import judge
+    from miniloop_cli.results.columns import load
 
     writers = [plain.write_tum, plain.write_kitti, plain.write_graph, plain.write_numpy, plain.write_clouds]
     writers.append(open3d_json.write_open3d)

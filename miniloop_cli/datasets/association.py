@@ -1,0 +1,88 @@
+"""Stamped tables (`timestamp filename`) and the one-to-one association of two of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.paths import inside, list_images, read_lines, shown
+from miniloop_cli.errors import InputError
+from miniloop_cli.typing import Floats, Ints
+
+MAX_DIFFERENCE_S = 0.02
+MAX_STAMP_S = 1e12
+NEIGHBOURS = 32  # candidates on either side of a stamp; a depth camera of 1600 Hz would need more
+
+
+def parse_stamp(text: str, where: str) -> float:
+    """A finite time in seconds; InputError naming `where` otherwise."""
+    try:
+        stamp = float(text)
+    except ValueError:
+        raise InputError(f"{where}: expected a timestamp in seconds, found '{shown(text[:40])}'") from None
+    if not math.isfinite(stamp):
+        raise InputError(f"{where}: the timestamp is {text[:40]}; remove the row")
+    if abs(stamp) > MAX_STAMP_S:
+        raise InputError(f"{where}: the timestamp {text[:40]} is too large for seconds; nanoseconds? divide by 1e9")
+    return stamp
+
+
+def read_table(root: Path, name: str) -> list[tuple[float, Path]]:
+    """The rows `timestamp filename` of a table in `root`, sorted by time, the first of equal stamps kept.
+
+    Raises InputError naming file and line for a malformed row or one that points outside `root`.
+    """
+    rows: dict[float, Path] = {}
+    path = shown(root / name)
+    for number, line in read_lines(root / name):
+        where = f"{path}:{number}"
+        parts = line.split(maxsplit=1)
+        if len(parts) != 2:
+            raise InputError(f"{where}: expected 'timestamp filename', found '{shown(line[:40])}'")
+        stamp = parse_stamp(parts[0], where)
+        if stamp not in rows:
+            rows[stamp] = inside(root, parts[1], where)
+    return sorted(rows.items())
+
+
+def stamped_images(root: Path, folder: str) -> list[tuple[float, Path]]:
+    """The images of a folder whose file names are numbers, sorted by that number; others are left out."""
+    rows: dict[float, Path] = {}
+    for path in list_images(root, folder):
+        try:
+            rows.setdefault(parse_stamp(path.stem, ""), path)
+        except InputError:
+            continue
+    return sorted(rows.items())
+
+
+def associate(
+    first_s: Sequence[float] | Floats,
+    second_s: Sequence[float] | Floats,
+    max_difference_s: float = MAX_DIFFERENCE_S,
+) -> Ints:
+    """One-to-one association of two sorted lists of stamps: (m, 2) indices, sorted by the first.
+
+    All pairs within `max_difference_s` are taken in the order of their difference, each stamp at most once
+    (what the TUM benchmark's association does); of equal differences the earlier pair wins.
+    """
+    a, b = np.asarray(first_s, float), np.asarray(second_s, float)
+    if not len(a) or not len(b):
+        return np.zeros((0, 2), np.int64)
+    j = np.searchsorted(b, a)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS)
+    i = np.broadcast_to(np.arange(len(a))[:, None], j.shape)
+    valid = (j >= 0) & (j < len(b))
+    i, j = i[valid], j[valid]
+    difference = np.abs(a[i] - b[j])
+    near = difference <= max_difference_s
+    i, j, difference = i[near], j[near], difference[near]
+    taken_a, taken_b = np.zeros(len(a), bool), np.zeros(len(b), bool)
+    pairs = []
+    for k in np.lexsort((j, i, difference)):
+        if not taken_a[i[k]] and not taken_b[j[k]]:
+            taken_a[i[k]] = taken_b[j[k]] = True
+            pairs.append((i[k], j[k]))
+    return np.array(sorted(pairs), np.int64).reshape(-1, 2)

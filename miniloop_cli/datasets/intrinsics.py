@@ -1,0 +1,125 @@
+"""Which camera a recording was made with: a file, the sequence's family, or TUM's default; and saying so."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from miniloop_cli.datasets.paths import read_bytes, shown
+from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.safe_yaml import load_plain
+
+MAX_CAMERA_BYTES = 64 << 10
+REQUIRED = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
+DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+
+# Colour cameras of the TUM RGB-D benchmark (Sturm et al., IROS 2012): fx fy cx cy, then k1 k2 p1 p2 k3.
+FREIBURG = {
+    "1": (517.306408, 516.469215, 318.643040, 255.313989, (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)),
+    "2": (520.908620, 521.007327, 325.141442, 249.701764, (0.231222, -0.784899, -0.003257, -0.000105, 0.917205)),
+    "3": (535.4, 539.2, 320.1, 247.6, (0.0, 0.0, 0.0, 0.0, 0.0)),
+}
+_FAMILY = re.compile(r"(?:freiburg|(?<![a-z])fr)([123])(?![0-9])", re.IGNORECASE)
+
+
+def freiburg_family(text: str) -> str | None:
+    """'1', '2' or '3' where a table's header or a folder's name says freiburg1 (or fr1), ..."""
+    match = _FAMILY.search(text)
+    return match[1] if match else None
+
+
+def freiburg_camera(family: str, where: str) -> Camera:
+    """The calibrated colour camera of a TUM family; `where` is what named it."""
+    fx, fy, cx, cy, distortion = FREIBURG[family]
+    source = f"calibration of TUM's freiburg{family}, named by {where}"
+    return Camera(fx, fy, cx, cy, 640, 480, 5000.0, distortion, source=source)
+
+
+def default_camera() -> Camera:
+    """TUM's ROS default."""
+    source = "TUM's ROS default (525 525 319.5 239.5): nothing names the camera; --camera FILE is more accurate"
+    return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source)
+
+
+def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
+    """A camera from the keys of a camera file; raises ConfigError naming `where` and the key."""
+    for key in values:
+        if key not in (*REQUIRED, *DISTORTION):
+            near = difflib.get_close_matches(str(key)[:40], (*REQUIRED, *DISTORTION), n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join((*REQUIRED, *DISTORTION))}"
+            raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")
+    if missing := [key for key in REQUIRED if key not in values]:
+        raise ConfigError(f"{where}: {', '.join(missing)} missing; a camera file needs {', '.join(REQUIRED)}")
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value):
+            raise ConfigError(f"{where}: {key} must be a finite number")
+    _check_ranges(values, where)
+    lens = tuple(float(values.get(key, 0.0)) for key in DISTORTION)
+    pinhole = (float(values[key]) for key in REQUIRED[:4])
+    return Camera(
+        *pinhole, int(values["width"]), int(values["height"]), float(values["depth_scale"]), lens, source=source
+    )
+
+
+def _moderate(value: float) -> bool:
+    return abs(value) < 1e9 and math.isfinite(value)
+
+
+def _check_ranges(values: dict[str, Any], where: str) -> None:
+    for key in ("width", "height"):
+        if values[key] != int(values[key]) or not 16 <= values[key] <= 1 << 14:
+            raise ConfigError(f"{where}: {key} must be a whole number of pixels from 16 to 16384")
+    size = max(values["width"], values["height"])
+    for key in ("fx", "fy"):
+        if values[key] < 0:
+            raise ConfigError(f"{where}: {key} is negative; image y points down here, so give {-values[key]:g}")
+        if not 0.05 * size < values[key] < 100 * size:
+            raise ConfigError(
+                f"{where}: {key} = {values[key]:g} px does not fit an image of {size} px; it is in pixels"
+            )
+    for key, extent in (("cx", values["width"]), ("cy", values["height"])):
+        if not -extent < values[key] < 2 * extent:
+            raise ConfigError(f"{where}: {key} = {values[key]:g} px lies far outside the image; it is in pixels")
+    if values["depth_scale"] < 1:
+        hint = (
+            f"; for {values['depth_scale']:g} m a unit give {1 / values['depth_scale']:g}"
+            if values["depth_scale"] > 0
+            else ""
+        )
+        raise ConfigError(f"{where}: depth_scale is stored units a metre (TUM 5000, millimetres 1000){hint}")
+
+
+def load_camera(path: Path | str, source: str | None = None) -> Camera:
+    """The camera of a YAML file (docs/recordings.md).
+
+    Raises InputError where the file cannot be read as YAML, ConfigError for unknown, missing or impossible values.
+    """
+    import yaml
+
+    path = Path(path)
+    where = shown(path)
+    try:
+        values = load_plain(read_bytes(path, MAX_CAMERA_BYTES).decode("utf-8-sig"))
+    except yaml.MarkedYAMLError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise InputError(f"{where}{line}: not a YAML file: {error.problem}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}: not a YAML file: {error}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: expected lines like 'fx: 525.0' ({', '.join(REQUIRED)})")
+    return make_camera(values, where, source or f"camera file {where}")
+
+
+def save_camera(path: Path, camera: Camera) -> None:
+    """Write the YAML that `load_camera` reads."""
+    with atomic_write(path) as file:
+        for key in REQUIRED:
+            file.write(f"{key}: {getattr(camera, key)}\n")
+        for key, value in zip(DISTORTION, camera.distortion, strict=True):
+            if value:
+                file.write(f"{key}: {value}\n")

@@ -1,0 +1,124 @@
+"""What layouts without stamps have in common: images, poses and cameras in files named by the frame's number."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from miniloop_cli.datasets.association import MAX_STAMP_S
+from miniloop_cli.datasets.intrinsics import load_camera
+from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, list_images, read_bytes, read_lines, shown
+from miniloop_cli.errors import InputError
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Frame, Trajectory
+from miniloop_cli.typing import Floats
+
+RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
+MAX_JSON_BYTES = 64 << 20
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes x right, y up, z backward, as phones have them
+
+
+def frame_number(name: str) -> int | None:
+    """The first number in a file's name ("frame-000012.pose.txt": 12), None without one."""
+    match = re.search(r"\d{1,18}", name)
+    return int(match[0]) if match else None
+
+
+def numbered_files(
+    root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES, rate_hz: float = RATE_HZ
+) -> dict[int, Path]:
+    """Files of a sub-folder by frame number; the first by name of those with the same number, others left out."""
+    files: dict[int, Path] = {}
+    for path in list_images(root, folder, suffixes):
+        number = frame_number(path.name)
+        if number is not None and number / rate_hz <= MAX_STAMP_S:
+            files.setdefault(number, path)
+    return files
+
+
+def pair_by_number(
+    root: Path, color: Mapping[int, Path], depth: Mapping[int, Path], rate_hz: float = RATE_HZ
+) -> tuple[tuple[Frame, ...], tuple[str, ...], tuple[int, int]]:
+    """Frames that have both images, with stamps of `rate_hz` frames a second, notes, and how many images there were.
+
+    Raises InputError if there are none.
+    """
+    numbers = sorted(color.keys() & depth.keys())
+    if not numbers:
+        raise InputError(f"{shown(root)}: no frame number with both colour ({len(color)}) and depth ({len(depth)})")
+    notes = [f"frames have no stamps here: frame number / {rate_hz:g} s is used"]
+    if len(numbers) < len(color.keys() | depth.keys()):
+        notes.append(f"{len(numbers)} pairs from {len(color)} colour and {len(depth)} depth images")
+    frames = tuple(Frame(n / rate_hz, color[n], depth[n]) for n in numbers)
+    return frames, tuple(notes), (len(color), len(depth))
+
+
+def given_camera(root: Path, camera_path: Path | None) -> Camera | None:
+    """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout."""
+    if camera_path:
+        return load_camera(camera_path)
+    if (root / "camera.yaml").exists():
+        return load_camera(root / "camera.yaml", "the sequence's own camera.yaml")
+    return None
+
+
+def read_matrix(path: Path, shape: tuple[int, int]) -> Floats:
+    """A matrix of numbers, row by row in a text file; NaN and infinity allowed. Raises InputError naming the file."""
+    try:
+        values = [float(text) for _, line in read_lines(path) for text in line.replace(",", " ").split()]
+    except ValueError:
+        raise InputError(f"{shown(path)}: not a matrix of numbers") from None
+    if len(values) != shape[0] * shape[1]:
+        raise InputError(f"{shown(path)}: expected {shape[0]} x {shape[1]} numbers, found {len(values)}")
+    return np.array(values).reshape(shape)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object. Raises InputError naming the file (and line) for anything else."""
+    try:
+        data = json.loads(read_bytes(path, MAX_JSON_BYTES).decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{shown(path)}:{error.lineno}: not JSON: {error.msg}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{shown(path)}: not JSON: {type(error).__name__}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{shown(path)}: expected a JSON object")
+    return data
+
+
+def numbers(value: Any, count: int, where: str) -> Floats:
+    """A (nested) JSON list of `count` numbers as a flat array. Raises InputError naming `where`."""
+    try:
+        array = np.asarray(value, float).ravel()
+    except (ValueError, TypeError, OverflowError):
+        array = np.zeros(0)
+    if array.size != count:
+        raise InputError(f"{where}: expected {count} numbers")
+    return array
+
+
+def usable_pose(T: Floats, where: str) -> Floats | None:
+    """A (4, 4) pose with an exact rotation; None where it is not finite, which marks a frame without a pose.
+
+    Raises InputError naming `where` if it is no rigid transformation.
+    """
+    if not np.isfinite(T).all():
+        return None
+    R = T[:3, :3]
+    if np.abs(T).max() > 1e7 or np.abs(R @ R.T - np.eye(3)).max() > 0.01 or np.linalg.det(R) < 0:
+        raise InputError(f"{where}: not a rigid transformation (rotation and position in metres, camera to world)")
+    return se3.pose(se3.project_so3(R), T[:3, 3])
+
+
+def trajectory_of(poses: Mapping[float, Floats | None], where: str) -> Trajectory:
+    """Poses by stamp, frames without one left out. Raises InputError naming `where` if none is left."""
+    known = {stamp: T for stamp, T in sorted(poses.items()) if T is not None}
+    if not known:
+        raise InputError(f"{where}: no frame has a pose")
+    return Trajectory(np.array(list(known)), np.array(list(known.values())))

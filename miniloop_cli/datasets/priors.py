@@ -1,0 +1,38 @@
+"""What is known of the frames beside their images: the vertical of each, and rough poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.accelerometer import read_accelerometer, verticals
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.trajectory import read_trajectory
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.typing import Bools
+
+
+def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Path | str | None = None) -> Priors:
+    """Priors of the frames of a sequence from an accelerometer table and a TUM trajectory, by their time stamps.
+
+    Raises InputError naming file and line for what cannot be read, and for files of another time.
+    """
+    stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+    up = T = None
+    if gravity is not None:
+        up = verticals(*read_accelerometer(gravity), stamps)
+        _require(np.isfinite(up).all(axis=1), gravity, "readings")
+    if poses is not None:
+        T, near = associate(stamps, read_trajectory(poses))
+        T = np.where(near[:, None, None], T, np.nan)
+        _require(near, poses, "poses")
+    return Priors(up, T)
+
+
+def _require(known: Bools, path: Path | str, what: str) -> None:
+    if not known.any():
+        raise InputError(f"{shown(Path(path))}: no {what} at the times of the frames; is it of this recording?")

@@ -1,0 +1,96 @@
+"""TUM RGB-D folders: rgb/, depth/, tables rgb.txt and depth.txt (or file names that are stamps), groundtruth.txt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.association import MAX_DIFFERENCE_S, associate, read_table, stamped_images
+from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family, load_camera
+from miniloop_cli.datasets.paths import read_bytes, shown
+from miniloop_cli.datasets.trajectory import read_trajectory
+from miniloop_cli.errors import InputError
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Frame, Sequence, Trajectory
+
+DESCRIPTION = "TUM: rgb/ and depth/ (16-bit PNG, 5000 units a metre), with rgb.txt and depth.txt or stamps as names"
+
+
+def matches(root: Path) -> bool:
+    """Whether the folder looks like this layout."""
+    return all((root / f"{kind}.txt").exists() or (root / kind).is_dir() for kind in ("rgb", "depth"))
+
+
+def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
+    """The sequence in `root`; nothing is decoded.
+
+    Raises InputError for malformed tables, rows that lead outside the folder, and where no colour image has a
+    depth image within 20 ms.
+    """
+    (color, color_from), (depth, depth_from) = _images(root, "rgb"), _images(root, "depth")
+    color_s, depth_s = [t for t, _ in color], [t for t, _ in depth]
+    pairs = associate(color_s, depth_s)
+    if not len(pairs):
+        raise InputError(f"{shown(root)}: {_why_nothing(color_s, depth_s, color_from, depth_from)}")
+    frames = tuple(
+        Frame(color[i][0], color[i][1], depth[j][1], depth_timestamp_s=depth[j][0]) for i, j in pairs.tolist()
+    )
+    notes = []
+    if len(frames) < max(len(color), len(depth)):
+        within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
+        notes.append(f"{len(frames)} pairs {within} from {len(color)} colour and {len(depth)} depth images")
+    truth = root / "groundtruth.txt"
+    return Sequence(
+        root.name,
+        root,
+        choose_camera(root, camera_path),
+        frames,
+        ground_truth_path=truth if truth.exists() else None,
+        notes=tuple(notes),
+        layout="tum",
+        available=(len(color), len(depth)),
+    )
+
+
+def ground_truth(sequence: Sequence) -> Trajectory | None:
+    """The motion capture trajectory, where there is one."""
+    return read_trajectory(sequence.ground_truth_path) if sequence.ground_truth_path else None
+
+
+def choose_camera(root: Path, camera_path: Path | None) -> Camera:
+    """The given file, the sequence's own camera.yaml, its TUM family (header, then name), or TUM's default."""
+    if camera_path:
+        return load_camera(camera_path)
+    if (root / "camera.yaml").exists():
+        return load_camera(root / "camera.yaml", "the sequence's own camera.yaml")
+    for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
+        if (root / name).exists() and (family := freiburg_family(_header(root / name))):
+            return freiburg_camera(family, f"the header of {name}")
+    if family := freiburg_family(root.name):
+        return freiburg_camera(family, "the folder's name")
+    return default_camera()
+
+
+def _header(path: Path) -> str:
+    text = read_bytes(path).decode("utf-8", "replace")
+    return "\n".join(line for line in text[:4096].split("\n") if line.startswith("#"))
+
+
+def _images(root: Path, kind: str) -> tuple[list[tuple[float, Path]], str]:
+    if (root / f"{kind}.txt").exists():
+        return read_table(root, f"{kind}.txt"), f"{kind}.txt"
+    return stamped_images(root, kind), f"{kind}/"
+
+
+def _why_nothing(color_s: list[float], depth_s: list[float], color_from: str, depth_from: str) -> str:
+    for stamps, origin in ((color_s, color_from), (depth_s, depth_from)):
+        if not stamps:
+            return f"{origin} names no images"
+    at = np.searchsorted(depth_s, color_s).clip(1, max(len(depth_s) - 1, 1))
+    around = np.array(depth_s)[np.stack([at - 1, at.clip(max=len(depth_s) - 1)])]
+    nearest = np.abs(around - np.array(color_s)).min()
+    return (
+        f"no colour image has a depth image within {1000 * MAX_DIFFERENCE_S:.0f} ms; the nearest stamps of "
+        f"{color_from} and {depth_from} are {nearest:.3f} s apart; are both of one recording, and in seconds?"
+    )

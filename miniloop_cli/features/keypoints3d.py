@@ -1,0 +1,111 @@
+"""Features with depth: where a scan's keypoints lie in space, in the camera's frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from miniloop_cli.config import Depth, Features
+from miniloop_cli.features.detect import detect
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.sequence import Scan
+from miniloop_cli.typing import Bools, Floats, Floats32
+
+
+def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) -> ScanFeatures:
+    """Detect, undistort and look up depth in one scan."""
+    import cv2
+
+    gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
+    hidden = 0.0 if scan.mask is None else scan.mask.mean()
+    # About as many for the part of the image that is not hidden as there would be for all of it.
+    found = detect(gray, features.type, int(np.ceil(features.count / max(1 - hidden, 0.1))), features.contrast)
+    if scan.mask is not None:
+        found = found.rows(np.flatnonzero(clear_of(scan.mask, found.px, found.radius_px))[: features.count])
+    z_m = depth_at(scan.depth_m, found.px, depth)
+    slope = depth_slope(scan.depth_m, found.px, z_m, depth)
+    outline = on_outline(scan.depth_m, found.px, found.radius_px, z_m)
+    middle = found.px + blob_shift(found.radius_px, z_m, slope) if "sift" in features.type else found.px
+    columns = (found.px, camera.undistort(middle), z_m, slope, outline, found.descriptors)
+    order = np.argsort(np.isnan(z_m), kind="stable")
+    return ScanFeatures(*(column[order] for column in columns))
+
+
+def clear_of(mask: Bools, px: Floats, radius_px: Floats32) -> Bools:
+    """Whether features at pixels (n, 2) keep their radius (n,) away from what a mask (h, w) hides: (n,)."""
+    import cv2
+
+    away_px = cv2.distanceTransform(np.uint8(~mask), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    x, y = np.clip(np.rint(px).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
+    return away_px[y, x] > radius_px
+
+
+def depth_at(depth_m: Floats32, px: Floats, settings: Depth) -> Floats:
+    """Bilinear depth (m) at (n, 2) measured pixels of a (h, w) depth image; NaN where it cannot be trusted.
+
+    All four neighbours must have a reading and agree within `edge_ratio` (a depth edge mixes two surfaces), and the
+    result must lie in [min_m, max_m].
+    """
+    height, width = depth_m.shape
+    corner = np.floor(px).astype(int)
+    inside = (corner >= 0).all(axis=1) & (corner[:, 0] < width - 1) & (corner[:, 1] < height - 1)
+    x, y = np.where(inside[:, None], corner, 0).T
+    fx, fy = (px - corner).T
+    z = np.stack([depth_m[y, x], depth_m[y, x + 1], depth_m[y + 1, x], depth_m[y + 1, x + 1]], axis=1).astype(float)
+    weight = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
+    z[~np.isfinite(z)] = 0
+    near, far = z.min(axis=1), z.max(axis=1)
+    smooth = (near > 0) & (far - near <= settings.edge_ratio * near)
+    value = np.einsum("ij,ij->i", np.where(smooth[:, None], z, 0), weight)
+    usable = inside & smooth & (value >= settings.min_m) & (value <= settings.max_m)
+    return np.where(usable, value, np.nan)
+
+
+SLOPE_STEP_PX = 5.0  # near readings differ by noise, far ones by other surfaces
+
+
+def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> Floats:
+    """Change of depth along x and y (n, 2) in m/px at (n, 2) pixels of depth z_m (n,); 0 across edges and holes."""
+    slope = np.zeros((len(px), 2))
+    for axis in range(2):
+        step = np.eye(2)[axis] * SLOPE_STEP_PX
+        before, after = depth_at(depth_m, px - step, settings), depth_at(depth_m, px + step, settings)
+        smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
+        slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
+    return slope
+
+
+# Variance of a blob in its radius squared: SIFT's radius is two sigma, and the variance 2^(1/3) sigma^2, between those
+# of the two Gaussians of a layer.
+BLOB = 2 ** (1 / 3) / 4
+
+
+def blob_shift(radius_px: Floats32, z_m: Floats, slope: Floats) -> Floats:
+    """Pixels (n, 2) from where SIFT finds blobs of radius (n,), at depths z_m (n,) of slope (n, 2), to their middles.
+
+    A round blob on a slanted surface is larger on the side that is nearer, and the extremum of its Laplacian at its
+    own variance t lies t slope / z off its middle, to that side (docs/refinement.md). 0 where there is no depth.
+    """
+    return np.nan_to_num(BLOB * radius_px[:, None] ** 2 * slope / z_m[:, None])
+
+
+OUTLINE_PX = 3.0  # depth is not as sharp as colour
+JUMP = 0.05  # of the depth: more than noise, less than from furniture to the wall behind
+
+
+def on_outline(depth_m: Floats32, px: Floats, radius_px: Floats32, z_m: Floats) -> Bools:
+    """Whether depth jumps (n,) within the radius (n,) of features at pixels (n, 2) of depth z_m (n,).
+
+    Such a feature is where one thing ends before another: it lies elsewhere on both when seen from elsewhere. False
+    where the feature has no depth.
+    """
+    height, width = depth_m.shape
+    found = np.zeros(len(px), bool)
+    reach = np.maximum(radius_px, OUTLINE_PX)[:, None]
+    for part in (0.5, 1.0):
+        for angle in np.arange(8) * np.pi / 4:
+            x, y = np.rint(px + part * reach * [np.cos(angle), np.sin(angle)]).astype(int).T
+            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            z = depth_m[np.where(inside, y, 0), np.where(inside, x, 0)]
+            found |= inside & (z > 0) & (np.abs(z - z_m) > JUMP * z_m)  # NaN compares false
+    return found

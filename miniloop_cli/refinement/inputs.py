@@ -1,0 +1,33 @@
+"""What refinement takes and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.timing import Timing
+from miniloop_cli.typing import Floats
+
+
+@dataclass(frozen=True)
+class Scans:
+    """What refinement needs of the scans: features, points, stamps of colour and of depth (n,) seconds, the camera."""
+
+    features: Sequence[ScanFeatures]
+    points: Sequence[ScanPoints]
+    stamps_s: Floats
+    depth_stamps_s: Floats
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found."""
+
+    poses: Poses
+    covariance: Floats
+    timing: Timing = field(default_factory=Timing)

@@ -1,0 +1,167 @@
+"""Bundle adjustment of a camera that moves while it measures: its two unknown times, and its motion in each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
+from miniloop_cli.refinement.frame_velocity import felt_twists, twists
+from miniloop_cli.refinement.gauge import with_own_errors
+from miniloop_cli.refinement.timing import Flow, Measurements, camera_depths, corrected, flow, slopes
+from miniloop_cli.scene.timing import Timing
+from miniloop_cli.typing import Bools, Floats, Ints
+
+Twists = tuple[Floats, Floats]
+CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # are plenty for two numbers
+LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
+MOST_S = 0.1  # no sensor is that late
+MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 8, 0.02, 0.0015
+FOLLOWING = 0.15  # of the cost's curvature by a time is about what is left where poses and points follow it
+REST = 1e-4  # relative change of the cost where poses and points have followed
+FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
+LEAST_FELT_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
+NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
+
+
+@dataclass(frozen=True)
+class MovingCamera:
+    """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,)."""
+
+    camera: Camera
+    stamps_s: Floats
+    known: Bools
+
+    def path_twists(self, T_world_cam: Floats) -> Twists:
+        """Velocities (n, 3) of the path through the poses (n, 4, 4)."""
+        return twists(T_world_cam, self.stamps_s, self.known)
+
+    def flow(self, measured: Measurements, T_world_cam: Floats, motion: Twists, points: Floats | None = None) -> Flow:
+        """How the measured points move in the images, at the depths of `points` (p, 3) or those measured."""
+        unknown = np.full((int(measured.track.max(initial=-1)) + 1, 3), np.nan)
+        depth_m = camera_depths(measured, T_world_cam, unknown if points is None else points)
+        return flow(measured, depth_m, *motion, self.camera)
+
+
+def adjust(
+    T: Floats, measured: Measurements, camera: Camera, settings: BundleSettings, jobs: int,
+    px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
+) -> BundleResult:  # fmt: skip
+    """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,).
+
+    It begins at `points` (p, 3), where these are known already.
+    """
+    px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
+    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs, points_world=points)
+
+
+def adjust_moving(
+    T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
+    rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
+) -> tuple[BundleResult, Timing]:  # fmt: skip
+    """Bundle adjustment with the timing undone, and the timing that was.
+
+    The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
+    frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
+    timing open. But only motion times readout moves a pixel, so an ASSUMED readout will do to feel their motion; the
+    result is taken if it explains the measurements better by more than LEAST_FELT_GAIN.
+    """
+    if timing != NO_TIMING:
+        return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
+    even = replace(rough, relative_tolerance=fine.relative_tolerance)
+    plain = adjust(T, measured, moving.camera, even, jobs)
+    T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
+    if feel and on_path.sum() <= moving.known.sum() / 2:
+        felt = _undone(T, measured, moving, ASSUMED, rough, even, jobs, True)
+        if felt.descent.cost_after < (1 - LEAST_FELT_GAIN) * plain.descent.cost_after:
+            return _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True), ASSUMED
+    return adjust(T, measured, moving.camera, fine, jobs, points=points), timing
+
+
+def _undone(
+    T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
+    rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool,
+) -> BundleResult:  # fmt: skip
+    motion = moving.path_twists(T)
+    px, z_m = corrected(measured, moving.flow(measured, T, motion), timing, moving.camera)
+    points, unsure = None, np.zeros((len(T), 6, 6))
+    for _ in range(FELT_STEPS if feel else 0):
+        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
+        T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
+        motion, unsure = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
+        px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
+    result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
+    if result.covariance is None:
+        return result
+    return replace(
+        result, covariance=with_own_errors(result.covariance, result.T_world_cam, unsure, result.fixed_frame)
+    )
+
+
+def calibrate(
+    T: Floats, tracked: Measurements, moving: MovingCamera, rough: BundleSettings, jobs: int
+) -> tuple[Timing, Floats]:
+    """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
+
+    Quasi-Newton steps in the two times, each after a bundle adjustment of part of the tracks, and of a long recording
+    of a part of its frames: the slopes of the cost are exact there. How they change is learned from step to step, as it
+    depends on how far poses and points follow: those of a camera that turns evenly make up for nearly all. No timing
+    at all is the answer where it takes away less than LEAST_GAIN of the cost, or where the times leave what a sensor
+    can do.
+    """
+    part = tracked.subset(in_busiest_run(tracked.frame, CALIBRATION_FRAMES))
+    whole = len(part.track) == len(tracked.track)
+    every = int(np.ceil(len(part.track) / CALIBRATION_OBSERVATIONS))
+    part = part.subset(part.track % max(every, 1) == 0)
+    if not len(part.track):
+        return NO_TIMING, T
+    # Slopes are those of the cost only where poses and points have come to rest.
+    settings = replace(rough, relative_tolerance=REST)
+    sigma_z_m = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
+    # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
+    plain = result = adjust(T, part, moving.camera, settings, jobs)
+    times, step, before, hessian = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((2, 2))
+    for k in range(MOST_STEPS):
+        path_flow = _path_flow(moving, part, result)
+        px, z_m = corrected(part, path_flow, Timing(*times), moving.camera)
+        result = adjust(result.T_world_cam, part, moving.camera, settings, jobs, px, z_m, result.points_world)
+        gradient, alone = slopes(part, path_flow, result, settings.sigma_px, sigma_z_m)
+        hessian = _learned(hessian, step, gradient - before) if k else FOLLOWING * np.diag(alone)
+        if k > 1 and np.abs(step).max() < SETTLED_S:
+            break
+        step, before = _downhill(gradient, hessian), gradient
+        times = times + step
+    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
+    if not result.descent.cost_after < least or not (np.abs(times) < MOST_S).all():
+        return NO_TIMING, plain.T_world_cam if whole else T
+    return Timing(float(times[0]), float(times[1])), result.T_world_cam if whole else T
+
+
+def _downhill(gradient: Floats, hessian: Floats) -> Floats:
+    """Newton's step (2,), along the axes of the Hessian no longer than LONGEST_STEP_S, and that long if downward."""
+    curvature, axes = np.linalg.eigh(hessian)
+    along = gradient @ axes
+    enough = curvature * LONGEST_STEP_S > np.abs(along)
+    return -axes @ np.where(enough, along / np.where(enough, curvature, 1.0), LONGEST_STEP_S * np.sign(along))
+
+
+def _learned(hessian: Floats, step: Floats, change: Floats) -> Floats:
+    """The Hessian (2, 2) that explains how the gradient changed along a step (BFGS); the old one if downward."""
+    curvature, old = step @ change, hessian @ step
+    if not curvature > 0 or not step @ old > 0:
+        return hessian
+    return hessian + np.outer(change, change) / curvature - np.outer(old, old) / (step @ old)
+
+
+def in_busiest_run(frame: Ints, length: int) -> Bools:
+    """Observations (k,) bool of the `length` consecutive frames that have most of them; frame (k,) ints."""
+    until = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.bincount(frame))])
+    first = int(np.argmax(until[length:] - until[:-length])) if len(until) > length else 0
+    return (frame >= first) & (frame < first + length)
+
+
+def _path_flow(moving: MovingCamera, measured: Measurements, result: BundleResult) -> Flow:
+    T = result.T_world_cam
+    return moving.flow(measured, T, moving.path_twists(T), result.points_world)

@@ -1,0 +1,56 @@
+"""Pictures of the model and of edges as JPEG files in memory, kept as everything else that is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.report.images import jpeg, match_picture
+from miniloop_cli.report.splat import overview, render
+from miniloop_cli.results.ply import read_ply
+from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, file_fingerprint, fingerprint
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.typing import Bytes, Floats
+
+FARTHEST_M = 1e6
+VIEWS_DEG = ((0, 0), (25, 30))  # yaw, pitch
+SIZE = (960, 640)
+FEWEST_POINTS = 10
+
+
+def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int, list[Bytes]]:
+    """How many points a PLY file has, and its pictures as JPEG, one from each of `VIEWS_DEG`; none of an empty cloud.
+
+    `T_world_cam` (n, 4, 4): the cameras, whose mean direction the views are turned from. Raises InputError where the
+    file cannot be read.
+    """
+
+    def drawn() -> Arrays:
+        points, colors = read_ply(cloud)
+        sane = (np.abs(points) < FARTHEST_M).all(axis=1)
+        points, colors = points[sane], colors[sane]
+        found = {"count": np.array([len(points)])}
+        if len(points) >= FEWEST_POINTS:
+            for k, (yaw_deg, pitch_deg) in enumerate(VIEWS_DEG):
+                view = overview(points, T_world_cam, yaw_deg, pitch_deg, SIZE)
+                found[f"view_{k}"] = jpeg(render(points, colors, view))
+        return found
+
+    key = fingerprint("model", file_fingerprint(cloud), content_fingerprint([T_world_cam]))
+    kept = store.kept("pictures", key, drawn)
+    return int(kept["count"][0]), [kept[name] for name in sorted(kept) if name != "count"]
+
+
+def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, store: Store) -> Bytes | None:
+    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None where an image cannot be had."""
+
+    def drawn() -> Arrays:
+        picture = match_picture(sequence, i, j, px_i, px_j)
+        return {"jpeg": np.zeros(0, np.uint8) if picture is None else jpeg(picture)}
+
+    if max(i, j) >= len(sequence.frames):
+        return None
+    files = [file_fingerprint(sequence.frames[k].color_path) for k in (i, j)]
+    found = store.kept("pictures", fingerprint("edge", files, content_fingerprint([px_i, px_j])), drawn)["jpeg"]
+    return found if len(found) else None

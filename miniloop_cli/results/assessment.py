@@ -1,0 +1,208 @@
+"""The verdict in words: did it work, how far it can be trusted, and what to try where it did not."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from miniloop_cli.evaluation.evaluate import Evaluation
+from miniloop_cli.results.columns import Edges, ReportData
+from miniloop_cli.typing import Floats, Ints
+
+if TYPE_CHECKING:
+    from miniloop_cli.inspection.findings import Finding
+
+GOOD, PARTLY, FAILED = "good", "partly", "failed"
+GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
+LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
+FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
+SPOKEN_AGAINST = ("looks alike", "repeat themselves", "contradicts")  # in reasons of edges
+MOSTLY_REJECTED = 0.8  # chance matches make many pairs that are rejected, also in a good recording
+CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
+NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`level` is good, partly or failed; one headline; what is known; what to try (empty where nothing is wrong).
+
+    `findings` are of an inspection of the recording, for runs that did not go well.
+    """
+
+    level: str
+    headline: str
+    facts: tuple[str, ...]
+    advice: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
+    """The verdict on a run, and on its trajectory where a ground truth was given."""
+    frames = data.frames
+    total, registered = len(frames), int(frames.registered.sum())
+    share = registered / total if total else 0.0
+    loose, contradicted = _loose(data), _contradicted(evaluation)
+    enough = share >= GOOD_SHARE
+    level = FAILED if share < FAILED_SHARE or registered < 2 else PARTLY
+    if level == FAILED:
+        words = "It did not work"
+    elif loose or contradicted:
+        doubt = "the ground truth contradicts the poses" if contradicted else "the poses are doubtful"
+        words = f"It worked{'' if enough else ' in part'}, but {doubt}"
+    else:
+        level, words = (GOOD, "It worked") if enough else (PARTLY, "It worked in part")
+    headline = f"{words}: {registered} of {total} frames are registered{_pieces(data)}"
+    advice = _scale_advice(data) + (_few_edges(data) if level == GOOD else _advice(data, loose))
+    return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
+
+
+def _loose(data: ReportData) -> bool:
+    kept = data.edges.worst_first
+    if not len(kept):
+        return False
+    return bool(np.median(data.edges.rot_deg[kept]) > LOOSE_DEG or np.median(data.edges.trans_m[kept]) > LOOSE_M)
+
+
+def _contradicted(evaluation: Evaluation | None) -> bool:
+    """Whether the poses are farther from the ground truth than any noise would take them."""
+    if evaluation is None:
+        return False
+    true = evaluation.T_true[:, :3, 3]
+    size_m = float(np.sqrt(((true - true.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return bool(evaluation.numbers["ate_rmse_m"] > max(CONTRADICTED * size_m, LOOSE_M))
+
+
+def pieces(data: ReportData) -> list[int]:
+    """Sizes of the separate pieces of two frames or more, the registered one first."""
+    named = [c for c in data.frames.component if c not in ("", "-1")]
+    return [size for _, size in sorted(Counter(named).items(), key=lambda item: -item[1]) if size > 1]
+
+
+def _pieces(data: ReportData) -> str:
+    others = pieces(data)[1:]
+    if not others:
+        return " in one piece." if data.frames.registered.any() else "."
+    return f"; {sum(others)} more hang together in {len(others)} separate piece{'s' * (len(others) > 1)}."
+
+
+def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
+    edges = data.edges
+    facts = []
+    if len(edges):
+        counts = Counter(text or "unknown" for text in edges.verdict)
+        listed = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+        facts.append(f"{len(edges)} pairs of frames have enough matches: {listed}.")
+    kept = edges.worst_first
+    if len(kept):
+        worst = kept[0]
+        facts.append(
+            f"Verified edges disagree with the final poses by {np.median(edges.rot_deg[kept]):.2f} deg and "
+            f"{100 * np.median(edges.trans_m[kept]):.1f} cm (median); the worst is {edges.i[worst]}–{edges.j[worst]} "
+            f"with {edges.rot_deg[worst]:.2f} deg and {100 * edges.trans_m[worst]:.1f} cm."
+        )
+    if evaluation:
+        numbers = evaluation.numbers
+        facts.append(
+            f"Against the ground truth: position error {100 * numbers['ate_rmse_m']:.2f} cm RMSE, "
+            f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
+            f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
+        )
+    notes = data.summary.get("notes")
+    facts += [f"{note[0].upper()}{note[1:]}." for note in notes if _of_priors(note)] if isinstance(notes, list) else []
+    facts += [
+        f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
+        for reason, lost in left_out(data)[:3]
+    ]
+    return facts
+
+
+def _of_priors(note: Any) -> bool:
+    """Whether a note of the run tells what became of gravity or rough poses."""
+    return isinstance(note, str) and note.startswith(("gravity ", "rough poses "))
+
+
+def left_out(data: ReportData) -> list[tuple[str, Ints]]:
+    """(reason, frame numbers) of the frames without a pose, the most frequent reason first."""
+    reasons: dict[str, list[int]] = {}
+    for k in np.flatnonzero(~data.frames.registered).tolist():
+        # What differs from frame to frame stands in frames.csv; here frames with the same trouble belong together.
+        reason = re.sub(
+            r"^(none of \d+ overlaps was|its only overlap was not) verified.*",
+            "no overlap was verified",
+            data.frames.reason[k],
+        )
+        reasons.setdefault(reason or "the reason is not known", []).append(k)
+    return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
+
+
+def _scale_advice(data: ReportData) -> list[str]:
+    depth = _median(data.frames.median_depth_m)
+    if NEAR_M <= depth <= FAR_M or not np.isfinite(depth):
+        return []
+    words = f"The median depth is {depth:.2f} m, unusual for such a recording: check depth_scale (units a metre)"
+    return [f"{words} in the camera file; a wrong scale registers well and gives a model of the wrong size."]
+
+
+def _few_edges(data: ReportData) -> list[str]:
+    if len(data.edges.worst_first) >= 2 * len(data.frames):
+        return []
+    return ["Few edges hold the frames together: a recording that returns to known places is more accurate."]
+
+
+def _advice(data: ReportData, loose: bool) -> list[str]:
+    """What to try where it did not work, from what the frames and edges show."""
+    frames, edges, advice = data.frames, data.edges, []
+    if _median(frames.keypoints) < FEW_KEYPOINTS:
+        advice.append(
+            f"Few features ({_median(frames.keypoints):.0f} a frame at the median): more light, a slower camera and "
+            "less plain walls help; so may another detector (--features orb) or --config accurate."
+        )
+    if _median(frames.depth_valid_share) < FEW_READINGS:
+        advice.append(
+            f"Depth has readings in only {100 * _median(frames.depth_valid_share):.0f} % of the pixels: stay within "
+            "the sensor's range, and check the depth folder."
+        )
+    if not frames.registered.all() and len(pieces(data)) > 1:
+        advice.append(
+            "The pieces have no verified edge between them: record a frame that shows parts of both, "
+            "or keep more frames (--max-frames) where the camera moved fast."
+        )
+    if len(edges) and edges.rejected.mean() > MOSTLY_REJECTED:
+        advice.append(_why_rejected(edges))
+    if len(frames) > 2 and not len(edges):
+        advice.append("No two frames share enough matches: do they show the same place, at more than a third overlap?")
+    if loose:
+        advice.append(
+            "The disagreement is far above a depth camera's noise: check the camera (focal length, distortion, "
+            "depth_scale), and whether depth is registered to colour (`miniloop inspect`)."
+        )
+    return advice
+
+
+def _why_rejected(edges: Edges) -> str:
+    """What the reason of most rejected pairs suggests."""
+    reasons = [reason for reason, out in zip(edges.reason, edges.rejected, strict=True) if out]
+    against = sum(any(word in reason for word in SPOKEN_AGAINST) for reason in reasons)
+    share = f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected"
+    if 2 * against > len(reasons):
+        return (
+            f"{share}, most because the images speak against them: repeated texture or things that move. "
+            "Masks (a mask/ folder beside rgb/) keep moving things out."
+        )
+    return f"{share}, most for too few matches that agree: record more slowly, with more overlap from frame to frame."
+
+
+def _median(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def runs(numbers: Ints, most: int = 12) -> str:
+    """Sorted whole numbers as "3, 7–9, 12", cut off after `most` runs."""
+    groups = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    words = [f"{g[0]}" if len(g) == 1 else f"{g[0]}–{g[-1]}" for g in groups[:most]]
+    return ", ".join(words) + (f" and {len(groups) - most} more runs" if len(groups) > most else "")

@@ -1,0 +1,166 @@
+"""What the report shows, read from a results folder into arrays; a missing file or column is empty, not an error."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.results.folder import Results, column
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.typing import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Columns of edges.csv, one entry an edge: frame numbers i < j; residuals NaN where there are none."""
+
+    i: Ints
+    j: Ints
+    matches: Floats
+    inliers: Floats
+    rot_deg: Floats
+    trans_m: Floats
+    solver: list[str]
+    cycle: list[str]
+    verdict: list[str]
+    reason: list[str]
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+    @cached_property
+    def rejected(self) -> Bools:
+        """(m,) whether an edge was rejected."""
+        return np.array([text == "rejected" for text in self.verdict], bool)
+
+    @cached_property
+    def verified(self) -> Bools:
+        """(m,) whether an edge belongs to the graph that the poses rest on."""
+        return np.array([text in ("verified", "") for text in self.verdict], bool)
+
+    @cached_property
+    def by_residual(self) -> Ints:
+        """All edges, the largest residual first, those without one last; 1 degree counts as 2 cm."""
+        score = self.rot_deg + 50 * self.trans_m
+        return np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
+
+    @cached_property
+    def worst_first(self) -> Ints:
+        """Verified edges that have residuals, the largest first."""
+        order = self.by_residual
+        return order[self.verified[order] & np.isfinite(self.rot_deg + self.trans_m)[order]]
+
+
+FRAME_COLUMNS = (
+    "timestamp", "keypoints", "with_depth", "depth_valid_share", "median_depth_m", "sigma_rot_deg", "sigma_trans_m"
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Columns of frames.csv, one entry a frame; NaN where a value is not known. The sigmas are of the pose."""
+
+    timestamp_s: Floats
+    keypoints: Floats
+    with_depth: Floats
+    depth_valid_share: Floats
+    median_depth_m: Floats
+    sigma_rot_deg: Floats
+    sigma_trans_m: Floats
+    registered: Bools
+    component: list[str]
+    reason: list[str]
+
+    def __len__(self) -> int:
+        return len(self.timestamp_s)
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j."""
+
+    results: Results
+    sequence: Sequence | None
+    edges: Edges
+    frames: Frames
+    inlier_px: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.sequence.name if self.sequence else self.results.root.resolve().name
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return self.results.summary
+
+    def text(self, name: str, limit: int = 20_000) -> str:
+        """The end of a text file of the folder, "" without it."""
+        path = self.results.root / name
+        if not path.is_file():
+            return ""
+        text = path.read_bytes()[-limit:].decode("utf-8", "replace")
+        return text if path.stat().st_size <= limit else "[...]\n" + text.partition("\n")[2]
+
+
+def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
+    """Read a results folder. Raises InputError where a file in it is malformed."""
+    results = Results(Path(results_dir))
+    edges, frames = read_edges(results), read_frames(results)
+    if len(edges) and max(edges.i.max(), edges.j.max()) >= len(frames):
+        raise InputError(f"{results.root / 'edges.csv'} names frames beyond the {len(frames)} of frames.csv")
+    return ReportData(results, sequence, edges, frames, read_inliers(results.root, len(edges)))
+
+
+def read_edges(results: Results) -> Edges:
+    """edges.csv as columns."""
+    rows, path = results.edges, results.root / "edges.csv"
+    text = {name: [row.get(name, "") for row in rows] for name in ("solver", "cycle", "verdict", "reason")}
+    i, j = (whole(column(rows, name, path), path) for name in "ij")
+    columns = ("matches", "inliers", "rot_residual_deg", "trans_residual_m")
+    return Edges(i, j, *(column(rows, name, path) for name in columns), **text)
+
+
+def read_frames(results: Results) -> Frames:
+    """frames.csv as columns; without it, the frames of the trajectory, of which nothing else is known."""
+    rows, path = results.frames, results.root / "frames.csv"
+    if not rows:
+        stamps = results.trajectory.timestamps_s
+        unknown, n = np.full(len(stamps), np.nan), len(stamps)
+        return Frames(stamps, *[unknown] * (len(FRAME_COLUMNS) - 1), np.ones(n, bool), ["0"] * n, [""] * n)
+    registered = np.array([row.get("registered", "").lower() in ("1", "true", "yes") for row in rows])
+    text = [[row.get(name, "") for row in rows] for name in ("component", "reason")]
+    others = (column(rows, name, path) for name in FRAME_COLUMNS[1:])
+    return Frames(results.frame_stamps_s, *others, registered, *text)
+
+
+def whole(values: Floats, path: Path) -> Ints:
+    """(n,) frame numbers. Raises InputError for a negative, fractional or missing one."""
+    if not (np.isfinite(values).all() and (values >= 0).all() and (values % 1 == 0).all() and (values < 2**31).all()):
+        raise InputError(f"{path}: columns i and j must be frame numbers, whole and from 0")
+    return values.astype(np.int64)
+
+
+def read_inliers(root: Path, edges: int) -> dict[int, tuple[Floats, Floats]]:
+    """inliers.npz: offsets (m + 1,), px_i and px_j (k, 2), the edges in the order of edges.csv; {} without it.
+
+    Raises InputError where it does not belong to this edges.csv.
+    """
+    path = root / "inliers.npz"
+    if not path.is_file():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            offsets, px_i, px_j = (np.asarray(stored[name]) for name in ("offsets", "px_i", "px_j"))
+        starts = offsets.astype(np.int64)
+        sound = offsets.shape == (edges + 1,) and px_i.shape == px_j.shape == (starts[-1], 2)
+        if not sound or px_i.dtype.kind + px_j.dtype.kind != "ff" or starts[0] != 0 or (np.diff(starts) < 0).any():
+            raise ValueError(f"arrays do not fit {edges} edges")
+    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
+        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
+    return {k: (px_i[a:b], px_j[a:b]) for k, (a, b) in enumerate(itertools.pairwise(starts))}

@@ -1,0 +1,165 @@
+"""The results folder of `register`: every file whole or absent."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from miniloop_cli import __version__
+from miniloop_cli.datasets import read_scan
+from miniloop_cli.datasets.intrinsics import save_camera
+from miniloop_cli.datasets.trajectory import write_trajectory
+from miniloop_cli.errors import InputError
+from miniloop_cli.geometry import se3
+from miniloop_cli.results.fuse_cloud import fuse_cloud
+from miniloop_cli.results.g2o import write_g2o
+from miniloop_cli.results.ply import write_ply
+from miniloop_cli.results.tables import write_edges, write_frames
+from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, fingerprint, library_versions
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.registration import Registration
+from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.typing import Bytes, Floats, Floats32
+
+# What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
+OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
+
+
+def write_results(run: Registration, folder: Path, workers: Workers, store: Store) -> None:
+    """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
+
+    A run that registered nothing leaves everything but trajectory, graph and cloud.
+    """
+    for name in OF_ONE_RUN:
+        (folder / name).unlink(missing_ok=True)
+    stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
+    _write_yaml(run, folder / "config.yaml")
+    save_camera(folder / "camera.yaml", run.sequence.camera)
+    write_frames(run, stamps, folder / "frames.csv")
+    write_edges(run, stamps, folder / "edges.csv")
+    _write_inliers(run, folder / "inliers.npz")
+    registered = run.poses.registered
+    if len(registered):
+        _write_graph(run, folder / "graph.g2o")
+        begin = time.perf_counter()
+        write_ply(folder / "cloud.ply", *_cloud(run, workers, store))
+        run.timings_s["model"] = round(time.perf_counter() - begin, 3)
+    with atomic_write(folder / "summary.json") as file:
+        json.dump(summary(run), file, indent=1)
+        file.write("\n")
+    if len(registered):
+        write_trajectory(folder / "trajectory.txt", Trajectory(stamps[registered], run.poses.T_world_cam[registered]))
+
+
+def summary(run: Registration) -> dict[str, Any]:
+    """The run in numbers, JSON-able; `cycles`: edges covered by each solver, as in the paper's table."""
+    sizes = np.bincount(run.poses.component[run.poses.component >= 0])
+    solvers = Counter(edge.solver for edge in run.edges)
+    covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
+    covered |= {"pairwise": solvers.get("pairwise", 0)}
+    covered |= {name: count for name, count in sorted(solvers.items()) if name.startswith("planar")}
+    return {
+        "sequence": run.sequence.name,
+        "recording": str(run.sequence.root),
+        "layout": run.sequence.layout,
+        "frames": len(run.sequence.frames),
+        "registered": len(run.poses.registered),
+        "components": len(sizes),
+        "component_sizes": sizes.tolist(),
+        "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
+        "edges": sum(edge.verdict == VERIFIED for edge in run.edges),
+        "verdicts": dict(sorted(Counter(edge.verdict for edge in run.edges).items())),
+        "cycles": covered,
+        "camera": run.sequence.camera.source,
+        "rolling_shutter_s": round(run.timing.readout_s, 5),
+        "depth_lag_s": round(run.timing.lag_s, 5),
+        "notes": [*run.sequence.notes, *run.notes],
+        "timings_s": run.timings_s,
+        "seed": run.seed,
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of miniloop, Python and the libraries that the result depends on."""
+    return {"miniloop": __version__, "python": platform.python_version()} | library_versions()
+
+
+def _write_yaml(run: Registration, path: Path) -> None:
+    with atomic_write(path) as file:
+        yaml.safe_dump(run.settings.model_dump(), file, sort_keys=False)
+
+
+def _write_inliers(run: Registration, path: Path) -> None:
+    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
+    kept = [edge.matches[edge.inliers] if edge.verdict != REJECTED else edge.matches[:0] for edge in run.edges]
+    counts = [len(rows) for rows in kept]
+    rows = np.concatenate([np.zeros((0, 2), np.int64), *kept])
+    px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)]).astype(np.float32)
+    first = np.cumsum([0] + [len(scan.features) for scan in run.scans])  # of each scan in px
+    px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate(pairs_of(run.edges).T))
+    offsets = np.cumsum([0, *counts])
+    with atomic_write(path, "wb") as file:
+        np.savez(file, offsets=offsets, px_i=px_i, px_j=px_j)
+
+
+def _write_graph(run: Registration, path: Path) -> None:
+    registered = run.poses.registered
+    edges: list[Edge] = [e for e in run.edges if e.verdict == VERIFIED and run.poses.component[e.i] == 0]
+    write_g2o(
+        path,
+        registered,
+        run.poses.T_world_cam[registered],
+        pairs_of(edges),
+        np.array([e.T_j_i for e in edges]).reshape(-1, 4, 4),
+        np.array([e.information for e in edges]).reshape(-1, 6, 6),
+    )
+
+
+def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32, Bytes]:
+    """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
+    scans = run.poses.registered
+    poses = content_fingerprint([scans, run.poses.T_world_cam[scans]])
+    how = [run.settings.cloud.model_dump(), run.settings.depth.model_dump()]
+    key = fingerprint("cloud", [run.scans[k].key for k in scans], poses, how)
+
+    def fused() -> Arrays:
+        points, colors = fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m)
+        return {"points": points, "colors": colors}
+
+    kept = store.kept("cloud", key, fused)
+    return kept["points"], kept["colors"]
+
+
+def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats, Bytes]]:
+    """Coloured points of every registered scan, in order, a few scans ahead of the one that is taken."""
+    camera, depth, stride = run.sequence.camera, run.settings.depth, run.settings.cloud.stride_px
+
+    @cache
+    def ideal(height: int, width: int) -> Floats:
+        v, u = np.mgrid[0:height:stride, 0:width:stride]
+        return camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1))
+
+    def points(index: int) -> tuple[Floats, Bytes]:
+        try:
+            scan = read_scan(run.sequence, index)
+        except InputError:
+            return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+        z = scan.depth_m[::stride, ::stride].ravel()
+        good = (z >= depth.min_m) & (z <= depth.max_m)
+        p_cam = camera.backproject(ideal(*scan.depth_m.shape)[good], z[good])
+        return se3.transform(run.poses.T_world_cam[index], p_cam), scan.color[::stride, ::stride].reshape(-1, 3)[good]
+
+    scans = [int(index) for index in run.poses.registered]
+    return workers.map(points, scans, "building the model", len(scans))

@@ -1,0 +1,154 @@
+"""Work on a Dask cluster that is already there, through joblib's dask backend; see docs/cluster.md."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.runtime.artifact_store import code_version
+from miniloop_cli.runtime.parallel import single_inner_threads
+
+Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
+
+ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
+REPLACED_S = 30  # a worker that died is started again by its nanny, or by whoever watches it, within seconds
+CONTINUES = "finished work is kept, the same command continues, also without --cluster"
+SENDS = 4  # of the same package, without a result in between
+BATCH = 32  # items of a task at most: what is done again where a worker dies
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A connected cluster; `client` is a distributed.Client."""
+
+    client: Any
+
+    def map(
+        self, function: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
+    ) -> Iterator[Result]:
+        """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
+
+        Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
+        the rest of the items, to whoever is there within REPLACED_S. `function` must be importable there.
+        Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
+        """
+        from distributed.comm import CommClosedError
+
+        items, done, sends = list(items), 0, SENDS
+        with _told_in_one_line(self.client.scheduler.address):
+            while done < len(items):
+                try:
+                    for result in self._map(function, shared, items[done:]):
+                        done, sends = done + 1, SENDS
+                        yield result
+                except (CommClosedError, CancelledError):
+                    sends -= 1
+                    if not sends:
+                        raise
+                    _greet(self.client.scheduler.address)
+                    self.client.wait_for_workers(1, timeout=REPLACED_S)
+
+    def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
+        from joblib import Parallel, delayed
+
+        size = max(1, min(BATCH, len(items) // (4 * sum(self.client.ncores().values()) or 1)))
+        batches = [items[k : k + size] for k in range(0, len(items), size)]
+        package = [shared]  # a list is sent as it is, whatever it holds
+        with self._holding(package):
+            parallel = Parallel(n_jobs=-1, batch_size=1, pre_dispatch="3*n_jobs", return_as="generator")
+            for results in parallel(delayed(_work)(function, package, batch) for batch in batches):
+                yield from results
+
+    def _holding(self, package: list[Any]) -> AbstractContextManager:
+        """joblib's dask backend, with `package` on every worker. Raises CommClosedError where one dies meanwhile."""
+        from distributed.comm import CommClosedError
+        from joblib import parallel_config
+
+        try:
+            return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
+        except (KeyError, TimeoutError) as error:  # a worker left before it was its turn, or there is none
+            raise CommClosedError(f"a worker has left ({error})") from error
+
+
+def _work(function: Callable[[Shared, Item], Result], package: list[Shared], batch: list[Item]) -> list[Result]:
+    with single_inner_threads():
+        return [function(package[0], item) for item in batch]
+
+
+@contextmanager
+def _told_in_one_line(address: str) -> Iterator[None]:
+    """What dask raises for lost connections and workers, as a MiniloopError; its own log lines are held back."""
+    from distributed import KilledWorker
+
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).disabled = True
+    try:
+        yield
+    except KilledWorker as error:
+        why = "several workers died over the same work, perhaps for want of memory"
+        raise MiniloopError(f"--cluster {address}: {why}; {CONTINUES}") from error
+    except (OSError, TimeoutError, CancelledError) as error:
+        why = f"the scheduler or its last worker is lost ({type(error).__name__})"
+        raise MiniloopError(f"--cluster {address}: {why}; {CONTINUES}") from error
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Cluster]:
+    """The cluster whose scheduler listens at an address, e.g. tcp://scheduler:8786.
+
+    Raises MiniloopError if distributed is not installed, nobody answers, there is no worker, or one has another code.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MiniloopError(f"--cluster needs dask ({error}): pip install 'miniloop[cluster]'") from error
+    try:
+        _greet(address)
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise MiniloopError(
+            f"--cluster {address}: no scheduler answers within {ANSWER_S} s ({why}); start one with `dask scheduler` "
+            "and give the address that it prints"
+        ) from error
+    with client:
+        _check_workers(client, address)
+        yield Cluster(client)
+
+
+def _greet(address: str) -> None:
+    """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
+    from distributed.comm import connect
+
+    async def greet() -> None:
+        comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
+        comm.abort()
+
+    with ThreadPoolExecutor(1) as thread:  # the caller's may be a notebook's, at work in a loop of its own
+        thread.submit(asyncio.run, greet()).result()
+
+
+def _check_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=ANSWER_S)
+    except TimeoutError:
+        raise MiniloopError(f"--cluster {address}: no worker; start one with `dask worker {address}`") from None
+    found = client.run(_version_here, on_error="return")
+    for worker, version in sorted(found.items()):
+        if isinstance(version, Exception):
+            raise MiniloopError(f"--cluster {address}: worker {worker} cannot import miniloop ({version})")
+        if version != code_version():
+            raise MiniloopError(
+                f"--cluster {address}: worker {worker} has another version of miniloop; install the same"
+            )
+
+
+def _version_here() -> str:
+    return code_version()

@@ -1,0 +1,106 @@
+"""All cores, bounded: one ordered parallel map over threads.
+
+Everything heavy here (OpenCV, matrix products, compiled kernels) releases the interpreter lock, so threads share
+their inputs without copies. Inner threads are held at one, so that jobs times cores never exceeds the machine.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be loaded to be held at one thread
+from joblib import effective_n_jobs
+from threadpoolctl import threadpool_limits
+
+from miniloop_cli.runtime.progress import track
+
+ROOM_BYTES = 128 << 20
+
+Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
+
+if TYPE_CHECKING:
+    from miniloop_cli.runtime.dask_cluster import Cluster
+
+
+@contextmanager
+def single_inner_threads() -> Iterator[None]:
+    """Libraries work in the thread that calls them, inside this block.
+
+    Our matrices are small: a library's threads would wait for each other, spinning, longer than they work; and sums
+    cut into as many parts as there are cores would give every machine its own last digits.
+
+    Raises MemoryError where a process may hardly allocate any more: OpenBLAS would ask for ever.
+    """
+    import cv2
+
+    try:
+        mmap.mmap(-1, ROOM_BYTES).close()
+    except OSError as error:
+        raise MemoryError(str(error)) from error
+    cv2.setNumThreads(1)
+    with threadpool_limits(1):
+        yield
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How work is spread: `jobs` threads (-1: one a core), a cluster where there is one; whether progress is shown."""
+
+    jobs: int = -1
+    quiet: bool = True
+    cluster: Cluster | None = None
+
+    @property
+    def threads(self) -> int:
+        """Number of jobs, resolved."""
+        return effective_n_jobs(self.jobs)
+
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int
+    ) -> Iterator[Result]:
+        """function(item) for each item, in the order of the items, whatever the number of jobs.
+
+        However the loop over the results ends, no item is at work any more afterwards: the interpreter would stop
+        such threads in the middle of compiled code, which aborts the process.
+        """
+        with single_inner_threads():
+            results = map(function, items) if self.threads == 1 else _in_order(function, items, self.threads)
+            yield from track(results, description, total, self.quiet)
+
+    def spread(
+        self,
+        function: Callable[[Shared, Item], Result],
+        shared: Shared,
+        items: Iterable[Item],
+        description: str,
+        total: int,
+    ) -> Iterator[Result]:
+        """function(shared, item) for each item, in order: on the cluster where there is one, else as `map` does.
+
+        `function` belongs to a module, and draws on nothing but its arguments: it may run on another machine.
+        """
+        if self.cluster is None:
+            return self.map(partial(function, shared), items, description, total)
+        return track(self.cluster.map(function, shared, items), description, total, self.quiet)
+
+
+def _in_order(function: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[Result]:
+    """Results in order; so many items are begun ahead that one slow item keeps no thread waiting."""
+    begun: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for item in items:
+            begun.append(pool.submit(function, item))
+            if len(begun) > 16 * threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,0 +1,41 @@
+"""What a run found, and the error that says that it found nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from miniloop_cli.config import Settings
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.timing import Timing
+from miniloop_cli.typing import Floats
+
+
+class RegistrationError(MiniloopError):
+    """The scans could be read but no trajectory can be had from them (says why).
+
+    `run` is what was found until then, for the report.
+    """
+
+    def __init__(self, message: str, run: Registration | None = None) -> None:
+        super().__init__(message)
+        self.run = run
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage."""
+
+    sequence: Sequence
+    settings: Settings
+    seed: int
+    scans: list[ExtractedScan]
+    edges: list[Edge]
+    poses: Poses
+    covariance: Floats
+    timing: Timing
+    timings_s: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,136 @@
+"""Simulated frames one after the other, and the folder they are written to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera, DepthNoise
+from miniloop_cli.scene.sequence import Scan, Trajectory
+from miniloop_cli.simulation import sensor
+from miniloop_cli.simulation.path import Path, make_path
+from miniloop_cli.simulation.scene import add_figure, build_scene
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.typing import Bools, Bytes, Floats
+
+START_S = 1000.0  # stamps begin here
+BLUR_SAMPLES = 6
+TRUTH_RATE_HZ = 100.0
+GRAVITY_M_S2 = 9.81
+ACCELEROMETER_NOISE_M_S2, ACCELEROMETER_BIAS_M_S2 = 0.2, 0.1  # of each axis; a degree is 0.17 m/s^2
+ACCELEROMETER_RANGE_M_S2 = 2 * GRAVITY_M_S2  # as a Kinect's
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """A frame as a recording would hold it, with its exact pose."""
+
+    timestamp_s: float
+    T_world_cam: Floats  # of the middle row
+    color: Bytes
+    depth: NDArray[np.uint16]  # units of 1 / depth_scale m
+    moving: Bools | None  # pixels of the moving object
+
+    def scan(self, camera: Camera) -> Scan:
+        """What `read_scan` returns for this frame, without its mask."""
+        return Scan(self.color, self.depth.astype(np.float32) / np.float32(camera.depth_scale))
+
+
+def simulate(settings: SimulationSettings, rng: Generator) -> Iterator[SimulatedFrame]:
+    """The frames of a recording. The scene and the path depend on the seed, not on the sensor's settings."""
+    scene_rng, path_rng, noise_rng = rng.spawn(3)
+    scene, path = build_scene(settings.scene, scene_rng), _path(settings, path_rng)
+    figure = add_figure(scene, np.random.default_rng(7)) if settings.moving_object else None
+    arrays, rays = scene.arrays(), camera_rays(settings.camera)
+    for t in frame_times_s(settings):
+        yield _frame(settings, arrays, path, rays, figure, t, noise_rng.spawn(1)[0])
+
+
+def true_trajectory(settings: SimulationSettings, rng: Generator) -> Trajectory:
+    """Exact poses at the stamps of the frames and at 100 Hz between them, as motion capture would give.
+
+    `rng` must be in the state that `simulate` was given.
+    """
+    path = _path(settings, rng.spawn(3)[1])
+    frames = frame_times_s(settings)
+    t = np.union1d(frames, np.round(np.arange(0, frames[-1], 1 / TRUTH_RATE_HZ), 6))
+    return Trajectory(np.round(START_S + t, 6), path(t))
+
+
+def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[Floats, Floats]:
+    """Stamps (n,) seconds and what an accelerometer in the camera's axes reads (n, 3) m/s^2, upwards when it rests.
+
+    `rng` must be in the state that `simulate` was given.
+    """
+    _, path_rng, _, own = rng.spawn(4)
+    path, step = _path(settings, path_rng), 1 / TRUTH_RATE_HZ
+    t = np.round(np.arange(0, frame_times_s(settings)[-1] + step, step), 6)
+    T = path(t)
+    velocity_change = path(t + step)[:, :3, 3] - 2 * T[:, :3, 3] + path(t - step)[:, :3, 3]
+    force_world = velocity_change / step**2 + [0, 0, GRAVITY_M_S2]
+    force_cam = np.einsum("nji,nj->ni", T[:, :3, :3], force_world)
+    force_cam += own.normal(0, ACCELEROMETER_BIAS_M_S2, 3) + own.normal(0, ACCELEROMETER_NOISE_M_S2, force_cam.shape)
+    return np.round(START_S + t, 6), force_cam.clip(-ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2)
+
+
+def frame_times_s(settings: SimulationSettings) -> Floats:
+    """(frames,) times from the start, whole microseconds."""
+    return np.round(np.arange(settings.frames) / settings.rate_hz, 6)
+
+
+def _path(settings: SimulationSettings, rng: Generator) -> Path:
+    return make_path(settings.path, settings.scene, settings.frames / settings.rate_hz, rng, settings.path_share)
+
+
+def camera_rays(camera: Camera) -> Floats:
+    """(h, w, 3) directions with z = 1 of all pixels, through the distortion of the lens."""
+    u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+    px = camera.undistort(np.stack([u.ravel(), v.ravel()], 1))
+    return camera.backproject(px, np.ones(len(px))).reshape(camera.height, camera.width, 3)
+
+
+def _frame(
+    settings: SimulationSettings,
+    scene: tuple[NDArray, ...],
+    path: Path,
+    rays: Floats,
+    figure: int | None,
+    t: float,
+    rng: Generator,
+) -> SimulatedFrame:
+    from miniloop_cli.simulation.render import render
+
+    camera = settings.camera
+    row_s = settings.rolling_shutter_s * (np.arange(camera.height) / camera.height - 0.5)
+    T_world_cam = path(np.array([t]))[0]
+
+    def image(time_s: float) -> tuple[NDArray, ...]:
+        if figure is not None:
+            scene[0][figure] = _figure_pose(path(np.array([time_s]))[0], time_s)
+        return render(rays, path(time_s + row_s), 1 / camera.fx, scene)
+
+    light, depth_m, cosine, hit = image(t)
+    if settings.blur_s > 0:
+        exposure = settings.blur_s * (np.arange(BLUR_SAMPLES) / (BLUR_SAMPLES - 1) - 0.5)
+        light = np.mean([image(t + s)[0] for s in exposure], axis=0)
+    if settings.noise:
+        noise = DepthNoise(settings.noise_level * camera.noise.a_m, settings.noise_level * camera.noise.b_per_m)
+        depth_m = sensor.measure_depth(depth_m, cosine, noise, rng)
+    depth = sensor.store_depth(depth_m, camera.depth_scale, settings.depth_limit_m)
+    color = sensor.store_color(light, settings.exposure, rng if settings.noise else None, settings.noise_level)
+    moving = hit == figure if figure is not None else None
+    return SimulatedFrame(round(START_S + t, 6), T_world_cam, color, depth, moving)
+
+
+def _figure_pose(T_world_cam: Floats, t: float) -> Floats:
+    """Upright, 1.2 m before the camera, swinging sideways; returns T_box_world."""
+    forward, right = T_world_cam[:3, 2], T_world_cam[:3, 0]
+    heading = np.arctan2(forward[1], forward[0])
+    centre = T_world_cam[:3, 3] + 1.2 * np.array([np.cos(heading), np.sin(heading), 0]) + 0.3 * np.sin(2.1 * t) * right
+    centre[2] = 0.9
+    return se3.inverse(se3.pose(se3.exp_so3(np.array([0, 0, heading + 1.2 * np.sin(1.3 * t)])), centre))

@@ -1,0 +1,162 @@
+"""What a known vertical says about edges: whether they turn as it does, and another chance for those found too weak.
+
+With the vertical known, a pair has four degrees of freedom instead of six and one match of a cycle's edge does what
+two did (solvers/planar*.py): fewer matches suffice to find a pose. An accelerometer is a degree or so off, more while
+the hand shakes, so it only finds the pose: the pose itself is then fitted to the matches alone, freely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+
+from miniloop_cli.config import Gravity, Settings
+from miniloop_cli.graph.cycles import decompose
+from miniloop_cli.graph.overlap import overlap_graph
+from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, weakest_last
+from miniloop_cli.ransac.gravity_aligned import estimate_upright
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.typing import Floats
+
+SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
+MIN_WITNESSES = 3
+LONGEST = 4  # scans in a cycle of the known-vertical solvers
+LEAST_DEG = 1.0  # no accelerometer is better
+FAR = 4.0  # times the disagreement of sure edges: this is no chance
+BETTER = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
+
+
+def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
+    """(m,) angle between the vertical of scan j and that of scan i turned by the edge; NaN where one is not known.
+
+    up_cam (n, 3) unit vectors, NaN where there is none.
+    """
+    if not edges:
+        return np.zeros(0)
+    i, j = pairs_of(edges).T
+    turned = np.einsum("mij,mj->mi", np.array([edge.T_j_i[:3, :3] for edge in edges]), up_cam[i])
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
+
+
+@dataclass(frozen=True)
+class Vertical:
+    """up_cam (n, 3) unit vectors in the axes of the cameras, NaN where there is none, and how far they are off."""
+
+    up_cam: Floats
+    sigma_deg: float
+
+
+def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tuple[Vertical | None, str]:
+    """The verticals in the camera's axes where they agree with the edges that were found freely, else None; and why.
+
+    `sigma_deg` of what is returned is what they are off from these edges.
+    Sensors have axes of their own. The camera's are taken where they agree, else those of the 24 ways to put one
+    right-handed system of axes on another that agree best (a vector that points down instead of up is as good).
+    """
+    known = np.isfinite(up_sensor).all(axis=1)
+    sure = [e for e in edges if e.verdict == VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]]
+    if len(sure) < MIN_WITNESSES:
+        return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
+    axes = _axes()
+    medians = [float(np.median(disagreement_deg(sure, up_sensor @ M.T))) for M in axes]
+    best = int(np.argmin(medians))
+    if medians[0] <= settings.max_median_deg and medians[best] > BETTER * medians[0]:
+        best = 0
+    said = f"{medians[best]:.1f} deg from {len(sure)} sure edges (median)"
+    if medians[best] > settings.max_median_deg:
+        return None, f"gravity is not used: it is {said}, whatever its axes; is the file of this recording?"
+    if best:
+        said += f", with the sensor's axes as {_named(axes[best])}"
+    return Vertical(up_sensor @ axes[best].T, max(medians[best], LEAST_DEG)), f"gravity is used: {said}"
+
+
+def with_gravity(
+    edges: Sequence[Edge],
+    vertical: Vertical,
+    matches: Matches,
+    points: Sequence[ScanPoints],
+    settings: Settings,
+    seed: int,
+    workers: Workers,
+) -> list[Edge]:
+    """The edges, those not verified tried again with the vertical known, and all judged by it.
+
+    Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_alone` inliers
+    they need no loop of edges that confirms them.
+    """
+    known = np.isfinite(vertical.up_cam).all(axis=1)
+    weak = {(e.i, e.j): e for e in edges if e.verdict != VERIFIED and known[e.i] and known[e.j]}
+    better = dict(weak)
+    open_edges = {pair: matches[pair] for pair in weak}
+    for longest in range(min(LONGEST, settings.cycles.longest), 1, -1):
+        cycles = decompose(overlap_graph(len(points), open_edges), longest, settings.cycles.decomposition)
+
+        def solve(cycle: tuple[int, ...]) -> list[Edge]:
+            return _solve(cycle, vertical, matches, points, settings, seed)
+
+        for found in workers.map(solve, cycles, f"known vertical, {longest} scans", len(cycles)):
+            for edge in found:
+                if edge.inlier_count > better[edge.i, edge.j].inlier_count:
+                    better[edge.i, edge.j] = edge
+        open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != VERIFIED}
+    edges = [better.get((edge.i, edge.j), edge) for edge in edges]
+    off = disagreement_deg(edges, vertical.up_cam)
+    limit = max(settings.gravity.max_deg, FAR * vertical.sigma_deg)
+    return [_judged(edge, angle, limit, settings.gravity) for edge, angle in zip(edges, off, strict=True)]
+
+
+def _judged(edge: Edge, angle_deg: float, most_deg: float, settings: Gravity) -> Edge:
+    if edge.verdict == REJECTED or np.isnan(angle_deg):
+        return edge
+    if angle_deg > most_deg:
+        return replace(edge, verdict=REJECTED, reason=f"contradicts gravity by {angle_deg:.1f} deg")
+    if angle_deg > settings.agree_deg:
+        return edge
+    return replace(edge, verdict=VERIFIED, reason="", confirmed=edge.inlier_count >= settings.min_alone)
+
+
+def _solve(
+    cycle: tuple[int, ...],
+    vertical: Vertical,
+    matches: Matches,
+    points: Sequence[ScanPoints],
+    settings: Settings,
+    seed: int,
+) -> list[Edge]:
+    cycle = weakest_last(cycle, matches)
+    chain = sides(cycle)
+    inputs = [directed(points, pair, matches) for pair in chain]
+    rng = np.random.default_rng([seed, len(cycle), *cycle])
+    up_cam, sigma_rad = vertical.up_cam[list(cycle)], np.radians(vertical.sigma_deg)
+    found = estimate_upright(inputs, up_cam, sigma_rad, settings.ransac, settings.verification.chi2, rng)
+    if found is None:
+        return []
+    return [
+        judged_edge(pair, estimate, matches, f"planar{len(cycle)}", found.hypotheses, settings.verification)
+        for pair, estimate in zip(chain, found.edges, strict=True)
+    ]
+
+
+def _axes() -> list[Floats]:
+    """The 24 turns that map axes to axes, the identity first."""
+    found = []
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        M = np.zeros((3, 3))
+        M[range(3), order] = signs
+        if np.linalg.det(M) > 0:
+            found.append(M)
+    return found
+
+
+def _named(M: Floats) -> str:
+    """A turn of axes as "x y z": what the sensor calls the camera's x (right), y (down), z (forward)."""
+    names = []
+    for row in M:
+        k = int(np.abs(row).argmax())
+        names.append(("-" if row[k] < 0 else "") + "xyz"[k])
+    return " ".join(names)

@@ -1,0 +1,99 @@
+"""Do two scans look alike where a relative pose lays them over each other?
+
+A relative pose can be supported by many matches and yet be wrong: a place that looks similar, a poster hung twice,
+somebody who walks through the view. Then the rest of the two scans speaks against it: what one saw stands in the way
+of what the other saw behind it, or the two surfaces coincide and look different.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.features.thumbnail import COLUMNS
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.thumbnail import View
+from miniloop_cli.typing import Floats, Floats32
+
+BLOCK = 8  # cells along a block, in which brightness is compared
+MIN_CELLS = 12  # that a block needs for that
+MIN_DEVIATION = 4.0  # grey levels; plainer blocks say nothing
+ALIKE = 0.5  # correlation of blocks that show the same
+SLACK_M, SLACK = 0.03, 0.03  # by which depths may differ: metres, and share of the depth
+
+
+def agreements(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera) -> list[tuple[int, int]]:
+    """Of each pair of views (i, j): cells of both that speak for and against its T_j_i (m, 4, 4); see `_compare`."""
+    lens = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) * (COLUMNS / camera.width)
+    found = []
+    for (a, b), there, back in zip(views, T_j_i, se3.inverse(T_j_i), strict=True):
+        for_ab, against_ab = _compare(a.gray, a.z_m, b.gray, b.low_m, b.high_m, there, lens)
+        for_ba, against_ba = _compare(b.gray, b.z_m, a.gray, a.low_m, a.high_m, back, lens)
+        found.append((for_ab + for_ba, against_ab + against_ba))
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _compare(
+    gray_i: Floats32, z_i: Floats32, gray_j: Floats32, low_j: Floats32, high_j: Floats32, T_j_i: Floats, lens: Floats
+) -> tuple[int, int]:
+    """Cells of view i that speak for and against T_j_i; lens: fx fy cx cy in cells, cell centres at k + 0.5.
+
+    A cell that comes to lie before what j saw there speaks against: j saw through it. One that comes to lie behind
+    says nothing. Those that coincide with a surface of j are compared block by block: for, where brightness
+    correlates; against, where it does not; nothing, where a block is plain in either view.
+    """
+    rows, columns = gray_i.shape
+    across = (columns + BLOCK - 1) // BLOCK
+    sums = np.zeros((((rows + BLOCK - 1) // BLOCK) * across, 6))
+    agree = against = 0
+    for y in range(rows):
+        for x in range(columns):
+            z = float(z_i[y, x])
+            if z <= 0:
+                continue
+            a, b = (x + 0.5 - lens[2]) / lens[0] * z, (y + 0.5 - lens[3]) / lens[1] * z
+            depth = T_j_i[2, 0] * a + T_j_i[2, 1] * b + T_j_i[2, 2] * z + T_j_i[2, 3]
+            if depth < 0.2:
+                continue
+            u = lens[0] * (T_j_i[0, 0] * a + T_j_i[0, 1] * b + T_j_i[0, 2] * z + T_j_i[0, 3]) / depth + lens[2]
+            v = lens[1] * (T_j_i[1, 0] * a + T_j_i[1, 1] * b + T_j_i[1, 2] * z + T_j_i[1, 3]) / depth + lens[3]
+            if not (0.5 <= u < columns - 0.5 and 0.5 <= v < rows - 0.5):
+                continue
+            column, row = int(u), int(v)
+            low, high = low_j[row, column], high_j[row, column]
+            if high <= 0:
+                continue
+            slack = SLACK_M + SLACK * depth
+            if depth < low - slack:
+                against += 1
+            elif depth <= high + slack:
+                u, v = u - 0.5, v - 0.5
+                column, row = min(int(u), columns - 2), min(int(v), rows - 2)
+                fu, fv = u - column, v - row
+                above = (1 - fu) * gray_j[row, column] + fu * gray_j[row, column + 1]
+                below = (1 - fu) * gray_j[row + 1, column] + fu * gray_j[row + 1, column + 1]
+                p, q = float(gray_i[y, x]), (1 - fv) * above + fv * below
+                block = sums[(y // BLOCK) * across + x // BLOCK]
+                block[0] += 1
+                block[1] += p
+                block[2] += q
+                block[3] += p * p
+                block[4] += q * q
+                block[5] += p * q
+    for k in range(len(sums)):
+        n = sums[k, 0]
+        if n < MIN_CELLS:
+            continue
+        pp, qq = sums[k, 3] / n - (sums[k, 1] / n) ** 2, sums[k, 4] / n - (sums[k, 2] / n) ** 2
+        pq = sums[k, 5] / n - sums[k, 1] * sums[k, 2] / n**2
+        if min(pp, qq) < MIN_DEVIATION**2:
+            continue
+        if pq > ALIKE * np.sqrt(pp * qq):
+            agree += int(n)
+        else:
+            against += int(n)
+    return agree, against

@@ -1,0 +1,67 @@
+"""Scans that repeat themselves: tiles, wallpaper, rows of equal windows.
+
+Where most of what a scan shows is there several times, its matches tell that another scan shows the same pattern, not
+which part of it. Such a scan fits itself under a motion: most of its features have doubles in the same image, and many
+of these lie apart by one rigid motion, a step of the pattern.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from miniloop_cli.config import Settings
+from miniloop_cli.features.detect import compact
+from miniloop_cli.geometry import se3
+from miniloop_cli.ransac.estimate import estimate
+from miniloop_cli.ransac.matches import edge_matches
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.points import ScanPoints
+
+COUNT = 500  # strongest features that are looked at
+APART = 0.04  # of the width of the image: doubles, not one feature found twice
+DOUBLE = 0.12  # squared descriptor distance (see `compact`) of doubles: nearer than most true matches
+MIN_DOUBLES = 0.33  # share of the features that have one; the fit below tells patterns from lookalikes
+MIN_FIT, MIN_INLIERS = 0.06, 12  # of them under one motion, as a share of the features and in number
+
+
+def steps_m(
+    features: Sequence[ScanFeatures], points: Sequence[ScanPoints], width_px: int, settings: Settings, workers: Workers
+) -> list[float]:
+    """`step_m` of every scan; zeros where the settings ask for no such check."""
+    if settings.averaging.min_alike == 0:
+        return [0.0] * len(features)
+
+    def one(scan: int) -> float:
+        return step_m(features[scan], points[scan], width_px, settings)
+
+    return list(workers.map(one, range(len(features)), "looking for repetition", len(features)))
+
+
+def step_m(features: ScanFeatures, points: ScanPoints, width_px: int, settings: Settings) -> float:
+    """How far the scan must be moved to fit itself (m); 0 if it does not repeat."""
+    count = min(features.with_depth, COUNT)
+    if count < MIN_INLIERS:
+        return 0.0
+    descriptors, scale = compact(features.descriptors[:count], settings.features.type)
+    real = descriptors.astype(np.float32)
+    norm2 = np.einsum("ij,ij->i", real, real)
+    distance2 = (norm2[:, None] + norm2 - 2 * real @ real.T) / np.float32(scale)
+    x, y = features.px_ideal[:count].T.astype(np.float32)
+    near = (np.abs(x[:, None] - x) < APART * width_px) & (np.abs(y[:, None] - y) < APART * width_px)
+    distance2[near] = np.inf
+    double = distance2.argmin(axis=1)
+    rows = np.flatnonzero(distance2[np.arange(count), double] < DOUBLE)
+    if len(rows) < max(MIN_DOUBLES * count, MIN_INLIERS):
+        return 0.0
+    matches = edge_matches([points, points], (0, 1), np.stack([rows, double[rows]], axis=1))
+    found = estimate([matches], settings.ransac, settings.verification.chi2, np.random.default_rng(0))
+    if found is None:
+        return 0.0
+    fit = found.edges[0]
+    if fit.inliers.sum() < max(MIN_FIT * count, MIN_INLIERS):
+        return 0.0
+    moved = se3.transform(fit.T, matches.p[fit.inliers]) - matches.p[fit.inliers]
+    return float(np.median(np.linalg.norm(moved, axis=1)))

@@ -1,0 +1,64 @@
+"""Which edges close loops of three with others, and which close hardly any although they could.
+
+A true edge closes the triangles whose other two edges are true as well; a false one closes next to none. Local, and
+so without drift: what is asked of an edge does not depend on the size of the graph.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from miniloop_cli.averaging.voting import Near, agree, directed
+from miniloop_cli.geometry.pose_rows import compose, invert, load
+from miniloop_cli.scene.view_graph import adjacency
+from miniloop_cli.typing import Bools, Floats, Ints
+
+MOST = 64  # triangles of an edge that are looked at
+ENOUGH = 2  # triangles that make an edge sure, and sure edges that make a scan's others dispensable
+FEW = 6  # one triangle in so many closes by chance; of true edges one in four while half of all edges are false
+ROUNDS = 8
+
+
+def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
+    """Edges (m,) bool that close none or few of their triangles, between scans that have sure edges.
+
+    Rows (m, 7) and `near` as in voting.py; pairs (m, 2) all different. What is doubted takes its triangles with it,
+    so that this is repeated. Edges that lie on fewer than ENOUGH triangles are not doubted.
+    """
+    out = np.zeros(len(pairs), bool)
+    rows = adjacency(count, pairs)
+    for _ in range(ROUNDS):
+        closed, asked = _triangles(pairs, T_j_i, *rows, out, near)
+        sure = np.bincount(pairs[closed >= ENOUGH].ravel(), minlength=count) >= ENOUGH
+        more = ~out & (asked >= ENOUGH) & (closed <= asked // FEW) & sure[pairs].all(axis=1)
+        if not more.any():
+            break
+        out |= more
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _triangles(
+    pairs: Ints, T_j_i: Floats, start: Ints, neighbour: Ints, edge: Ints, out: Bools, near: Near
+) -> tuple[Ints, Ints]:
+    """Of every edge (m,): triangles that close, and triangles there are, of those without an edge that is out."""
+    closed, asked = np.zeros(len(pairs), np.int64), np.zeros(len(pairs), np.int64)
+    for e in range(len(pairs)):
+        if out[e]:
+            continue
+        i, j = pairs[e, 0], pairs[e, 1]
+        a, b = start[i], start[j]
+        while a < start[i + 1] and b < start[j + 1] and asked[e] < MOST:
+            if neighbour[a] < neighbour[b]:
+                a += 1
+            elif neighbour[a] > neighbour[b]:
+                b += 1
+            else:
+                if not (out[edge[a]] or out[edge[b]]):
+                    around = compose(invert(directed(T_j_i, pairs, edge[b], j)), directed(T_j_i, pairs, edge[a], i))
+                    closed[e] += agree(load(T_j_i, e), around, near)
+                    asked[e] += 1
+                a += 1
+                b += 1
+    return closed, asked

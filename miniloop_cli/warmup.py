@@ -1,0 +1,87 @@
+"""Compilation ahead: on a first run, a second process compiles the kernels of the last stages during the first ones.
+
+Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time.
+So a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It rehearses the stages from the
+last to the first, on a few made-up scans, and leaves the compiled kernels in numba's cache, where the run finds them.
+The same command makes a fresh installation ready, e.g. as the last step of a container image.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import subprocess
+import sys
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+SCANS, POINTS = 5, 120
+
+
+def compiled() -> bool:
+    """Whether numba's cache holds the kernel that a rehearsal compiles first."""
+    from miniloop_cli.refinement.schur import reduce_tracks
+
+    return any(Path(reduce_tracks.stats.cache_path).glob(f"schur.{reduce_tracks.py_func.__name__}-*.nbi"))
+
+
+@cache
+def compile_ahead() -> subprocess.Popen[bytes] | None:
+    """Start the rehearsal, once a process, where it is worth it; it is ended with this process at the latest."""
+    if compiled() or (os.cpu_count() or 1) < 2:
+        return None
+    silent = subprocess.DEVNULL
+    process = subprocess.Popen(
+        [sys.executable, "-m", "miniloop_cli.warmup"], stdin=silent, stdout=silent, stderr=silent
+    )
+    atexit.register(process.kill)
+    return process
+
+
+def rehearse() -> None:
+    """Run refinement, averaging and the solution of edges, in this order, on scans of a made-up cloud of points."""
+    from miniloop_cli.config import Settings
+    from miniloop_cli.geometry import se3
+    from miniloop_cli.geometry.camera import Camera
+    from miniloop_cli.refinement.inputs import Scans
+    from miniloop_cli.refinement.joint import refine
+    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.edge import VERIFIED, Edge
+    from miniloop_cli.scene.features import ScanFeatures
+    from miniloop_cli.scene.points import scan_points
+    from miniloop_cli.scene.poses import Poses
+    from miniloop_cli.stages.average import average
+    from miniloop_cli.stages.solve_edges import solve_edges
+
+    rng, settings, workers = np.random.default_rng(0), Settings(), Workers(1)
+    camera = Camera(500.0, 500.0, 319.5, 239.5, 640, 480)
+    cloud = rng.uniform((-0.8, -0.6, 1.5), (0.8, 0.6, 3.0), (POINTS, 3))
+    look = rng.integers(0, 256, (POINTS, 128)).astype(np.float32)
+    motion = 0.02 * rng.standard_normal((SCANS, 6))
+    T_world_cam = se3.pose(se3.exp_so3(motion[:, :3]), motion[:, 3:])
+    features = []
+    for T_cam_world in se3.inverse(T_world_cam):
+        p_cam = cloud @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
+        px = p_cam[:, :2] / p_cam[:, 2:] * 500 + [319.5, 239.5] + 0.3 * rng.standard_normal((POINTS, 2))
+        features.append(ScanFeatures(px, px, p_cam[:, 2].copy(), np.zeros((POINTS, 2)), np.zeros(POINTS, bool), look))
+    points = [scan_points(found, camera) for found in features]
+    same = np.repeat(np.arange(POINTS)[:, None], 2, axis=1)
+    edges = [
+        Edge(i, j, same, np.ones(POINTS, bool), se3.inverse(T_world_cam[j]) @ T_world_cam[i],
+             1e6 * np.eye(6), 1e-6 * np.eye(6), verdict=VERIFIED)
+        for i, j in combinations(range(SCANS), 2)
+    ]  # fmt: skip
+    stamps_s = np.arange(SCANS) / 30
+    scans = Scans(features, points, stamps_s, stamps_s + 0.01, camera)
+    refine(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings, workers)
+    average(edges, SCANS, settings.averaging)
+    for count in (3, 2, 4, 5):  # a run comes to five first
+        ring = {tuple(sorted((k, (k + 1) % count))): same for k in range(count)}
+        solve_edges(ring, points, settings, 0, workers)
+
+
+if __name__ == "__main__":
+    rehearse()

@@ -1,0 +1,132 @@
+"""Broken, wrong and oversized images: refused with frame, file and reason, before they are decoded."""
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.datasets.images import MAX_PIXELS, PNG_MAGIC, read_color, read_depth, read_header
+from miniloop_cli.errors import InputError
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def claimed_png(width: int, height: int, bits: int = 8, color_type: int = 2) -> bytes:
+    header = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)
+    return PNG_MAGIC + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 100)) + chunk(b"IEND", b"")
+
+
+def gray(dtype: type, height: int = 48, width: int = 64) -> np.ndarray:
+    return np.full((height, width), 200, dtype)
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (gray(np.uint8), "depth must be a 16-bit 1-channel PNG, this is a 8-bit 1-channel PNG of 64 x 48"),
+        (np.zeros((48, 64, 3), np.uint16), "this is a 16-bit 3-channel PNG"),
+        (np.zeros((48, 64, 4), np.uint8), "this is a 8-bit 4-channel PNG"),
+        (gray(np.uint16, 24, 32), "depth is 32 x 24, colour 64 x 48"),
+    ],
+)
+def test_wrong_depth_is_refused(tum, image, words):
+    tum.put("depth/10.205000.png", image)
+    sequence = open_sequence(tum.root)
+    with pytest.raises(InputError, match=rf"frame 2 \(depth/10\.205000\.png\): .*{words}"):
+        read_scan(sequence, 2)
+    assert read_scan(sequence, 3).depth_m.shape == (48, 64)
+
+
+def test_float_depth_and_jpeg_depth_are_refused(tum):
+    path = tum.root / "depth/10.005000.png"
+    path.write_bytes(cv2.imencode(".tiff", np.ones((48, 64), np.float32))[1])
+    with pytest.raises(InputError, match="neither PNG nor JPEG"):
+        read_scan(open_sequence(tum.root), 0)
+    path.write_bytes(cv2.imencode(".jpg", gray(np.uint8))[1])
+    with pytest.raises(InputError, match="this is a 8-bit 1-channel JPEG"):
+        read_scan(open_sequence(tum.root), 0)
+
+
+def test_missing_and_empty_images_are_named(tum):
+    (tum.root / "rgb/10.100000.png").unlink()
+    (tum.root / "depth/10.305000.png").write_bytes(b"")
+    sequence = open_sequence(tum.root)
+    with pytest.raises(InputError, match=r"frame 1 \(rgb/10\.100000\.png\): .*does not exist"):
+        read_scan(sequence, 1)
+    with pytest.raises(InputError, match=r"frame 3 \(depth/10\.305000\.png\): empty file"):
+        read_scan(sequence, 3)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_every_truncation_is_noticed(tiny, suffix):
+    path = tiny.put(f"a{suffix}", tiny.rng.integers(0, 255, (48, 64, 3), np.uint8))
+    whole = path.read_bytes()
+    assert read_color(path).shape == (48, 64, 3)
+    for length in (*range(0, 60), *range(60, len(whole), 97), len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError):
+            read_color(path)
+
+
+def test_every_flipped_byte_of_a_png_is_noticed_or_harmless(tiny):
+    tiny.depth("a.png")
+    path = tiny.root / "a.png"
+    whole, expected = path.read_bytes(), read_depth(path)
+    for position in range(0, len(whole), 31):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 0x55]) + whole[position + 1 :])
+        try:
+            np.testing.assert_array_equal(read_depth(path), expected)
+        except InputError:
+            continue
+
+
+def test_size_is_checked_before_decoding(tiny):
+    path = tiny.text("huge.png", "")
+    path.write_bytes(claimed_png(60_000, 60_000))
+    with pytest.raises(InputError, match=f"more than the {MAX_PIXELS // 10**6} megapixels allowed"):
+        read_color(path)
+    path.write_bytes(claimed_png(2**31 - 1, 2**31 - 1, 16, 0))
+    with pytest.raises(InputError, match="megapixels"):
+        read_depth(path)
+    path.write_bytes(claimed_png(0, 48))
+    with pytest.raises(InputError, match="without pixels"):
+        read_header(path)
+    path.write_bytes(claimed_png(64, 48))  # a sound file with too little data
+    with pytest.raises(InputError, match="cannot be decoded"):
+        read_color(path)
+
+
+def test_exif_orientation_is_left_alone(tiny):
+    image = np.zeros((48, 64, 3), np.uint8)
+    data = cv2.imencode(".jpg", image)[1].tobytes()
+    tiff = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)  # orientation 6: turned by 90 degrees
+    app1 = b"Exif\0\0" + tiff
+    path = tiny.text("turned.jpg", "")
+    path.write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(app1) + 2) + app1 + data[2:])
+    assert read_color(path).shape == (48, 64, 3)
+    assert (read_header(path).width, read_header(path).height) == (64, 48)
+
+
+def test_gray_alpha_and_16_bit_colour_are_read_as_rgb(tiny):
+    for image in (gray(np.uint8), np.full((48, 64, 4), 200, np.uint8), np.full((48, 64, 3), 200 * 257, np.uint16)):
+        path = tiny.put("a.png", image)
+        np.testing.assert_array_equal(read_color(path), np.full((48, 64, 3), 200, np.uint8))
+
+
+def test_camera_for_other_images_is_refused_at_once(tum):
+    tum.text("camera.yaml", "fx: 525\nfy: 525\ncx: 319.5\ncy: 239.5\nwidth: 640\nheight: 480\ndepth_scale: 5000\n")
+    with pytest.raises(InputError, match=r"colour is 64 x 48, the camera 640 x 480 .*--camera FILE"):
+        open_sequence(tum.root)
+
+
+def test_one_frame_of_another_size_does_not_stop_the_rest(tum):
+    tum.color("rgb/10.000000.png", 32, 24)
+    sequence = open_sequence(tum.root)
+    with pytest.raises(InputError, match=r"frame 0 \(rgb/10\.000000\.png\): colour is 32 x 24, the camera 64 x 48"):
+        read_scan(sequence, 0)
+    assert read_scan(sequence, 1).color.shape == (48, 64, 3)

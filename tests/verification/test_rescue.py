@@ -1,0 +1,125 @@
+"""Loops over verified edges: what they predict, when they vouch for a weak edge, and that they add no false one."""
+
+import numpy as np
+import pytest
+
+from miniloop_cli.config import Verification, load_settings
+from miniloop_cli.geometry import se3
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.stages.solve_edges import solve_edges, vouched
+from miniloop_cli.verification.loop_support import AGREE_DEG, AGREE_M, Prediction, agree, pose_graph, predict
+
+
+def random_poses(rng, count):
+    return se3.pose(se3.exp_so3(rng.normal(size=(count, 3), scale=0.3)), rng.normal(size=(count, 3), scale=0.3))
+
+
+def relative(T_world_cam, i, j):
+    return se3.inverse(T_world_cam[j]) @ T_world_cam[i]
+
+
+def graph_of(T_world_cam, pairs, wrong=()):
+    shift = se3.pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
+    edges = [(i, j, relative(T_world_cam, i, j), 50 + i) for i, j in pairs]
+    return pose_graph((i, j, shift @ T if (i, j) in wrong else T, n) for i, j, T, n in edges)
+
+
+def test_loops_predict_the_pose(rng):
+    T = random_poses(rng, 6)
+    pairs = [(0, k) for k in (2, 3, 4)] + [(1, k) for k in (2, 3, 4)]
+    found = predict(graph_of(T, pairs), (0, 1))
+    np.testing.assert_allclose(found.T_j_i, relative(T, 0, 1), atol=1e-12)
+    assert found.cycle[0] == 0 and found.cycle[2] == 1 and (found.others, found.agree, found.credible) == (2, 2, True)
+    found = predict(graph_of(T, pairs, wrong=[(1, 3)]), (0, 1))
+    np.testing.assert_allclose(found.T_j_i, relative(T, 0, 1), atol=1e-12)
+    assert (found.others, found.agree, found.credible) == (2, 1, True)
+
+
+def test_loops_that_contradict_each_other_or_stand_alone_are_no_evidence(rng):
+    T = random_poses(rng, 5)
+    assert predict(graph_of(T, [(0, 2)]), (0, 1)) is None
+    assert predict(graph_of(T, [(0, 2), (1, 3)]), (0, 1)) is None
+    assert not predict(graph_of(T, [(0, 2), (1, 2)]), (0, 1)).credible
+    two = [(0, 2), (1, 2), (0, 3), (1, 3)]
+    assert predict(graph_of(T, two), (0, 1)).credible
+    assert not predict(graph_of(T, two, wrong=[(0, 2)]), (0, 1)).credible
+
+
+def test_agreement_has_limits():
+    for size, alike in ((0.9, True), (1.1, False)):
+        turn = se3.pose(se3.exp_so3(np.array([0, 0, np.radians(size * AGREE_DEG)])), np.zeros(3))
+        shift = se3.pose(np.eye(3), np.array([size * AGREE_M, 0, 0]))
+        assert agree(np.eye(4), turn) == agree(np.eye(4), shift) == alike
+
+
+@pytest.mark.parametrize(
+    ("inliers", "verdict", "agreeing", "off_m", "expected"),
+    [
+        (7, WEAK, 2, 0.0, VERIFIED),
+        (7, WEAK, 0, 0.0, WEAK),  # nothing else says so
+        (7, WEAK, 2, 0.2, WEAK),  # loops say something else
+        (5, REJECTED, 2, 0.0, REJECTED),
+    ],
+)
+def test_only_weak_edges_that_agree_are_vouched_for(inliers, verdict, agreeing, off_m, expected):
+    edge = Edge(0, 1, np.zeros((20, 2), int), np.arange(20) < inliers, verdict=verdict, reason="few inliers")
+    loops = Prediction((0, 2, 1), se3.pose(np.eye(3), np.array([off_m, 0, 0])), 2, agreeing)
+    found = vouched(edge, loops, Verification())
+    assert found.verdict == expected
+    assert found.reason == ("few inliers; 3 loops over verified edges agree" if expected == VERIFIED else "few inliers")
+
+
+def few_matches(rng, true, chance):
+    """Five scans of one cloud, all pairs well matched but (0, 1): `true` right matches and `chance` wrong ones."""
+    T = random_poses(rng, 5)
+    cloud = rng.uniform(-2, 2, (400, 3)) + np.array([0, 0, 3.0])
+    sigma = 0.005
+    points = [
+        ScanPoints(
+            se3.transform(se3.inverse(pose), cloud) + rng.normal(size=cloud.shape, scale=sigma),
+            np.broadcast_to(sigma**2 * np.eye(3), (400, 3, 3)),
+        )
+        for pose in T
+    ]
+    matches = {}
+    for i in range(5):
+        for j in range(i + 1, 5):
+            rows = rng.permutation(400)[:60] if (i, j) != (0, 1) else rng.permutation(400)[: true + chance]
+            other = rows.copy()
+            if (i, j) == (0, 1):
+                other[true:] = rng.permutation(400)[:chance]
+            matches[i, j] = np.stack([rows, other], axis=1)
+    return T, points, matches
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_seven_true_matches_are_enough_where_loops_agree(seed):
+    T, points, matches = few_matches(np.random.default_rng(seed), 7, 13)
+
+    def edge(*overrides):
+        edges = solve_edges(matches, points, load_settings(overrides=overrides), 0, Workers(1))
+        return next(e for e in edges if (e.i, e.j) == (0, 1))
+
+    assert edge("cycles.rescue=false").verdict != VERIFIED
+    found = edge()
+    assert found.verdict == VERIFIED and found.reason == "7 inliers of 20 matches; 3 loops over verified edges agree"
+    E = se3.inverse(found.T_j_i) @ relative(T, 0, 1)
+    assert se3.rotation_angle_deg(E[:3, :3]) < 0.5 and np.linalg.norm(E[:3, 3]) < 0.01
+    assert found.inliers[:7].all() and found.solver == "cycle3"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_chance_matches_are_never_vouched_for(seed):
+    _, points, matches = few_matches(np.random.default_rng(seed), 0, 25)
+    edges = solve_edges(matches, points, load_settings(), 0, Workers(1))
+    assert [e.verdict == VERIFIED for e in edges] == [False] + [True] * 9
+
+
+def test_the_number_of_jobs_changes_nothing():
+    _, points, matches = few_matches(np.random.default_rng(9), 7, 13)
+    one, two = (solve_edges(matches, points, load_settings(), 0, Workers(jobs)) for jobs in (1, 2))
+    for a, b in zip(one, two, strict=True):
+        assert (a.verdict, a.reason, a.cycle, a.solver) == (b.verdict, b.reason, b.cycle, b.solver)
+        assert a.T_j_i.tobytes() == b.T_j_i.tobytes() and (a.inliers == b.inliers).all()
