@@ -13,10 +13,10 @@ from clock import arguments, write_result
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.match import match
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.stages.extract import extract

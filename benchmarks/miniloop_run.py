@@ -13,9 +13,9 @@ def main() -> None:
     import numpy as np
 
     from miniloop_cli.bench.stages import StageClock
-    from miniloop_cli.config import load_settings
     from miniloop_cli.datasets import open_sequence
     from miniloop_cli.pipeline import register
+    from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
     from miniloop_cli.scene.edge import VERIFIED

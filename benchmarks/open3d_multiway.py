@@ -18,10 +18,10 @@ import open3d as o3d
 from clock import Clock, arguments, write_poses, write_result
 from numpy.typing import NDArray
 
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.features.detect import comparable
 from miniloop_cli.geometry import se3
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.points import scan_points

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.bench.peers.averaging import gtsam_rotations, pycolmap_rotations
 from miniloop_cli.bench.view_graphs import ViewGraph
-from miniloop_cli.config import Averaging, load_settings
+from miniloop_cli.config import Averaging
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.artifact_store import Store, default_folder

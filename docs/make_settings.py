@@ -7,7 +7,8 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from miniloop_cli.cli.config import allowed, as_yaml, value_of
-from miniloop_cli.config import PRESETS, Settings, keys, load_settings
+from miniloop_cli.config import Settings
+from miniloop_cli.presets import PRESETS, keys, load_settings
 from miniloop_cli.runtime.atomic_files import atomic_write
 
 PAGE = Path(__file__).with_name("settings.md")

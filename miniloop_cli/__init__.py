@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from miniloop_cli.runtime.kernel_cache import keep_compiled
+from miniloop_cli.version import __version__
 
 if TYPE_CHECKING:
     from miniloop_cli.api import evaluate, register, simulate
 
-__version__ = "0.1.0"
 __all__ = ["__version__", "evaluate", "register", "simulate"]
 
 keep_compiled()

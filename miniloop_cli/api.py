@@ -30,7 +30,7 @@ def register(
     layout: str | None = None,
     camera: Path | str | None = None,
     gravity: Path | str | None = None,
-    init: Path | str | None = None,
+    pose_prior: Path | str | None = None,
     max_frames: int | None = None,
     jobs: int = -1,
     cluster: str | None = None,
@@ -41,19 +41,19 @@ def register(
     """Register a recording and write its results, report included, to `output` (default `results/<name>`).
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
-    `gravity`: an accelerometer table, `init`: rough poses in TUM's format (docs/priors.md);
+    `gravity`: an accelerometer table, `pose_prior`: rough poses in TUM's format (docs/priors.md);
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
-    from miniloop_cli.config import load_settings
     from miniloop_cli.datasets import open_sequence
     from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.pipeline import register as run_pipeline
+    from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.artifact_store import Store, default_folder
     from miniloop_cli.runtime.dask_cluster import connected
     from miniloop_cli.runtime.folder_lock import exclusive
     from miniloop_cli.runtime.parallel import Workers
-    from miniloop_cli.warmup import compile_ahead
+    from miniloop_cli.warmup import compile_in_background
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
@@ -61,11 +61,11 @@ def register(
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
     for note in (f"camera: {sequence.camera.source}", *sequence.notes):
         LOG.info("%s", note)
-    priors = read_priors(sequence, gravity, init)
+    priors = read_priors(sequence, gravity, pose_prior)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)
     if jobs != 1:
-        compile_ahead()
+        compile_in_background()
     with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
         workers = Workers(jobs, quiet, connection)
         try:

@@ -1,19 +1,10 @@
-"""Settings: typed, documented, unknown keys refused; presets in YAML, overridden by `--set key=value`."""
+"""The settings: typed, documented, unknown keys refused. `presets.load_settings` reads them."""
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Set
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from miniloop_cli.errors import ConfigError
-from miniloop_cli.runtime.safe_yaml import load_plain
-
-PRESETS = ("default", "paper", "fast", "accurate")
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Section(BaseModel):
@@ -48,14 +39,18 @@ class Matching(Section):
     ratio: float = Field(0.8, gt=0, le=1, description="Nearest over second-nearest descriptor distance, at most.")
     pairs: str = Field("auto", description="auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers).")
     count: int = Field(1200, ge=16, description="Strongest features of a scan in a full comparison.")
-    min_agreeing: int = Field(
+    min_distance_consistent: int = Field(
         6, ge=0, description="auto: a pair with fewer matches that all agree in their distances is left out."
     )
-    all_up_to: int = Field(
+    exhaustive_max_scans: int = Field(
         200, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
     )
-    similar: int = Field(40, ge=1, description="auto, beyond all_up_to: scans that look most alike, per scan.")
-    neighbours: int = Field(10, ge=1, description="sequential, and beyond all_up_to: frames after each frame.")
+    retrieval_k: int = Field(
+        40, ge=1, description="auto, beyond exhaustive_max_scans: scans that look most alike, per scan."
+    )
+    sequential_window: int = Field(
+        10, ge=1, description="sequential, and beyond exhaustive_max_scans: frames after each frame."
+    )
     min_matches: int = Field(12, ge=3, description="T of the paper: an edge of the graph needs this many matches.")
 
 
@@ -79,8 +74,8 @@ class Verification(Section):
     chi2: float = Field(16.0, gt=0, description="A match is an inlier below this squared Mahalanobis distance.")
     min_inliers: int = Field(10, ge=3, description="Inliers that a verified edge needs.")
     min_share: float = Field(0.2, ge=0, le=1, description="... and their share of the matches.")
-    rescue_inliers: int = Field(6, ge=3, description="Enough for a frame that would hang on fewer than three edges.")
-    second_round: bool = Field(
+    min_weak_inliers: int = Field(6, ge=3, description="Enough for a frame that would hang on fewer than three edges.")
+    guided_matching: bool = Field(
         True, description="Match pairs that failed again where averaged poses say that their scans overlap."
     )
 
@@ -93,7 +88,7 @@ class Cycles(Section):
         "support",
         description="dfs: the paper's depth-first search; support: weak edges get strong partners, few are left over.",
     )
-    rescue: bool = Field(
+    loop_support: bool = Field(
         True, description="Try edges that were not verified again, in loops over edges that were; agreeing loops vouch."
     )
 
@@ -110,18 +105,20 @@ class Gravity(Section):
         gt=0,
         description="An edge that contradicts the vertical by more, and by 4 times that median, is dropped (degrees).",
     )
-    min_alone: int = Field(
-        8, ge=3, description="In place of averaging.min_alone for edges that gravity confirms: inliers without a loop."
+    min_bridge_inliers: int = Field(
+        8,
+        ge=3,
+        description="In place of averaging.min_bridge_inliers for edges that gravity confirms: inliers without a loop.",
     )
 
 
-class Rough(Section):
-    """With `--init`: how far rough relative poses may be off."""
+class PosePrior(Section):
+    """With `--pose-prior`: how far rough relative poses may be off."""
 
     max_deg: float = Field(20.0, gt=0, description="An edge that contradicts rough poses by more is dropped (degrees).")
     max_m: float = Field(0.5, gt=0, description="An edge that contradicts rough poses by more is dropped (m).")
-    min_alone: int = Field(
-        8, ge=3, description="In place of averaging.min_alone for edges that agree: inliers without a loop."
+    min_bridge_inliers: int = Field(
+        8, ge=3, description="In place of averaging.min_bridge_inliers for edges that agree: inliers without a loop."
     )
 
 
@@ -134,10 +131,10 @@ class Averaging(Section):
     translation_scale_m: float = Field(0.03, gt=0, description="Scale of the translation reweighting (m).")
     max_residual_deg: float = Field(5.0, gt=0, description="An edge farther off than this is dropped (degrees).")
     max_residual_m: float = Field(0.10, gt=0, description="An edge farther off than this is dropped (m).")
-    min_alike: float = Field(
+    min_photo_consistency: float = Field(
         0.4, ge=0, lt=1, description="Share of what two scans both see that must look alike in both; 0: not checked."
     )
-    min_alone: int = Field(20, ge=0, description="Inliers that an edge needs which no loop of edges confirms.")
+    min_bridge_inliers: int = Field(20, ge=0, description="Inliers that an edge needs which no loop of edges confirms.")
 
 
 class Bundle(Section):
@@ -176,80 +173,8 @@ class Settings(Section):
     verification: Verification = Verification()
     cycles: Cycles = Cycles()
     gravity: Gravity = Gravity()
-    rough: Rough = Rough()
+    pose_prior: PosePrior = PosePrior()
     averaging: Averaging = Averaging()
     refine: Literal["none", "posegraph", "bundle"] = Field("bundle", description="Joint refinement of all poses.")
     bundle: Bundle = Bundle()
     cloud: Cloud = Cloud()
-
-
-def keys(model: type[BaseModel] = Settings, prefix: str = "") -> dict[str, Any]:
-    """Every dotted key with its field, in order of declaration."""
-    found: dict[str, Any] = {}
-    for name, field in model.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            found |= keys(field.annotation, f"{prefix}{name}.")
-        else:
-            found[prefix + name] = field
-    return found
-
-
-def preset_path(name: str) -> Path:
-    """Where a preset lies: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent
-    for folder in (package / "configs", package.parent / "configs"):
-        if (folder / f"{name}.yaml").is_file():
-            return folder / f"{name}.yaml"
-    raise ConfigError(f"preset '{name}' is missing from this installation; reinstall miniloop")
-
-
-def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = ()) -> Settings:
-    """Settings from a preset's name or a YAML file, then `key=value` overrides (dotted keys, values as YAML).
-
-    Raises ConfigError that names the key, the source and the nearest known key.
-    """
-    path = preset_path(str(config)) if str(config) in PRESETS else Path(config)
-    if not path.is_file():
-        near = difflib.get_close_matches(str(config), PRESETS, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"give one of {', '.join(PRESETS)} or a YAML file"
-        raise ConfigError(f"no settings '{config}'; {hint}")
-    try:
-        data = load_plain(path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: not readable YAML ({' '.join(str(error).split())})") from error
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path}: settings are 'section: {{key: value}}', found {type(data).__name__}")
-    for override in overrides:
-        _apply(data, override)
-    return _validate(data, str(path), {override.partition("=")[0].strip() for override in overrides})
-
-
-def _apply(data: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    if not equals:
-        raise ConfigError(f"--set {override}: write it as key=value, for example --set features.count=2000")
-    *sections, name = key.strip().split(".")
-    for section in sections:
-        data = data.setdefault(section, {})
-        if not isinstance(data, dict):
-            raise ConfigError(f"--set {override}: '{section}' is a value, not a section")
-    try:
-        data[name] = load_plain(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"--set {override}: the value is not readable YAML") from error
-
-
-def _validate(data: dict[str, Any], source: str, overridden: Set[str] = frozenset()) -> Settings:
-    try:
-        return Settings.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        source = "--set" if key in overridden else source
-        if first["type"] == "extra_forbidden":
-            near = difflib.get_close_matches(key, list(keys()) + list(Settings.model_fields), n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else "; see 'miniloop config show'"
-            raise ConfigError(f"{source}: unknown setting '{key}'{hint}") from None
-        raise ConfigError(
-            f"{source}: setting '{key}': {first['msg'].replace('Input should', 'must')} (given: {first['input']!r})"
-        ) from None

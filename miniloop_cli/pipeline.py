@@ -7,7 +7,7 @@ import numpy as np
 from miniloop_cli.averaging.components import beginning
 from miniloop_cli.config import Settings
 from miniloop_cli.features.detect import compact
-from miniloop_cli.features.retrieval import STRONGEST, around
+from miniloop_cli.features.retrieval import DESCRIBED_FEATURES, around
 from miniloop_cli.refinement.inputs import Scans
 from miniloop_cli.runtime.artifact_store import Store, fingerprint
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
@@ -22,15 +22,15 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.stages.average import average
 from miniloop_cli.stages.extract import extract
-from miniloop_cli.stages.guided_matching import replaced, second_round
+from miniloop_cli.stages.guided_matching import match_guided, replace_edges
 from miniloop_cli.stages.match import comparer, listed_pairs, retrieved_pairs
 from miniloop_cli.stages.refine import refined
 from miniloop_cli.stages.serialization import edges_fingerprint, edges_kept, found_kept, matches_by_chunk, steps_kept
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.typing import Pair
-from miniloop_cli.verification.consistency_check import Witness
-from miniloop_cli.verification.pose_prior import rough_pairs
-from miniloop_cli.verification.priors import judged_by_priors
+from miniloop_cli.verification.photometric_check import PhotometricCheck
+from miniloop_cli.verification.pose_prior import pairs_by_pose_prior
+from miniloop_cli.verification.priors import apply_priors
 from miniloop_cli.verification.repetition import steps_m
 
 NO_PRIORS = Priors()
@@ -55,15 +55,19 @@ def register(
         matches_key = fingerprint(features_key, settings.matching.model_dump())
         likely = None
         if priors.T_world_cam is not None:
-            likely = rough_pairs(priors.T_world_cam, points, sequence.camera, settings.rough)
+            likely = pairs_by_pose_prior(priors.T_world_cam, points, sequence.camera, settings.pose_prior)
         matches = _match(features, points, settings, matches_key, store, workers, likely)
     with watch.stage("edges"):
         solving = [section.model_dump() for section in (settings.ransac, settings.verification, settings.cycles)]
         edges_key = fingerprint(matches_key, list(matches), solving, seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
-        edges, notes = judged_by_priors(edges, priors, matches, points, settings, seed, workers)
+        edges, notes = apply_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
-        looking = [settings.ransac.model_dump(), settings.verification.chi2, settings.averaging.min_alike > 0]
+        looking = [
+            settings.ransac.model_dump(),
+            settings.verification.chi2,
+            settings.averaging.min_photo_consistency > 0,
+        ]
         steps = steps_kept(
             fingerprint(features_key, looking),
             store,
@@ -71,19 +75,19 @@ def register(
         )
         outline = [found.outline for found in features]
         views = [scan.view for scan in scans]
-        witness = Witness(views, points, outline, steps, sequence.camera, store, features_key)
-        poses, edges = average(edges, count, settings.averaging, witness)
-        if settings.verification.second_round and len(poses.registered) > 1:
+        photometric = PhotometricCheck(views, points, outline, steps, sequence.camera, store, features_key)
+        poses, edges = average(edges, count, settings.averaging, photometric)
+        if settings.verification.guided_matching and len(poses.registered) > 1:
             again = [settings.matching.min_matches, settings.bundle.model_dump(), *solving]
             more = found_kept(
                 fingerprint(features_key, edges_fingerprint(edges), again),
                 store,
-                lambda: second_round(
+                lambda: match_guided(
                     edges, beginning(edges, count), features, points, sequence.camera, settings, workers
                 ),
             )
             if more:
-                poses, edges = average(replaced(edges, more), count, settings.averaging, witness)
+                poses, edges = average(replace_edges(edges, more), count, settings.averaging, photometric)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
             run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds, notes)
@@ -115,12 +119,12 @@ def _match(
     compare = comparer(features, points, settings, workers)
     if matching.pairs == "auto" and likely is not None:
         return matches_by_chunk(likely, key, store, compare)
-    if matching.pairs != "auto" or len(features) <= matching.all_up_to:
+    if matching.pairs != "auto" or len(features) <= matching.exhaustive_max_scans:
         return matches_by_chunk(listed_pairs(len(features), matching.pairs, matching), key, store, compare)
-    small = [compact(scan.descriptors[:STRONGEST], settings.features.type)[0] for scan in features]
+    small = [compact(scan.descriptors[:DESCRIBED_FEATURES], settings.features.type)[0] for scan in features]
     pairs = retrieved_pairs(small, matching, np.random.default_rng(0))
     found = matches_by_chunk(pairs, key, store, compare)
-    loops = [(i, j) for i, j in found if j - i > matching.neighbours]
+    loops = [(i, j) for i, j in found if j - i > matching.sequential_window]
     more = sorted(around(loops, len(features)) - set(pairs))
     return found | matches_by_chunk(more, key, store, compare)
 

@@ -29,7 +29,7 @@ def compiled() -> bool:
 
 
 @cache
-def compile_ahead() -> subprocess.Popen[bytes] | None:
+def compile_in_background() -> subprocess.Popen[bytes] | None:
     """Start the rehearsal, once a process, where it is worth it; it is ended with this process at the latest."""
     if compiled() or (os.cpu_count() or 1) < 2:
         return None
@@ -41,7 +41,7 @@ def compile_ahead() -> subprocess.Popen[bytes] | None:
     return process
 
 
-def rehearse() -> None:
+def warm_up() -> None:
     """Run refinement, averaging and the solution of edges, in this order, on scans of a made-up cloud of points."""
     from miniloop_cli.config import Settings
     from miniloop_cli.geometry import se3
@@ -84,4 +84,4 @@ def rehearse() -> None:
 
 
 if __name__ == "__main__":
-    rehearse()
+    warm_up()

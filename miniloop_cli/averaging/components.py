@@ -11,7 +11,7 @@ from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.scene.edge import Edge, pairs_of
-from miniloop_cli.scene.poses import Poses, used
+from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Floats, Ints
 
@@ -31,7 +31,7 @@ def beginning(edges: Sequence[Edge], count: int) -> Poses:
 
     What is made from it then depends on which edges are believed alone, whatever the settings that led to them.
     """
-    return average_components(used(edges, count), count, Averaging())
+    return average_components(usable_edges(edges, count), count, Averaging())
 
 
 def _average_component(edges: Sequence[Edge], scans: Ints, settings: Averaging) -> Floats:

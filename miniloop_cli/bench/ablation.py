@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.stages import SessionClock, SessionStore
-from miniloop_cli.config import Settings, load_settings
+from miniloop_cli.config import Settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.datasets.intrinsics import default_camera
 from miniloop_cli.errors import ConfigError, InputError
@@ -18,6 +18,7 @@ from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.results.folder import read_edge_list
 from miniloop_cli.runtime.artifact_store import default_folder
@@ -66,8 +67,8 @@ VARIANTS: dict[str, Variant] = {
     "dfs decomposition": Variant("cycles", ("cycles.decomposition=dfs",)),
     "tight RANSAC (2 cm)": Variant("edges", ("ransac.threshold_m=0.02",)),
     "no local optimization": Variant("edges", ("ransac.local_optimization=false",)),
-    "believed unseen": Variant("averaging", ("averaging.min_alike=0", "averaging.min_alone=0")),
-    "no second round": Variant("averaging", ("verification.second_round=false",)),
+    "believed unseen": Variant("averaging", ("averaging.min_photo_consistency=0", "averaging.min_bridge_inliers=0")),
+    "no second round": Variant("averaging", ("verification.guided_matching=false",)),
     "plain rotations": Variant("averaging", ("averaging.rotations=plain",)),
     "plain translations": Variant("averaging", ("averaging.translations=plain",)),
     "averaging only": Variant("refinement", ("refine=none",)),

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
-from miniloop_cli.config import Settings, load_settings
+from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, Edge
@@ -20,7 +21,7 @@ from miniloop_cli.scene.poses import Poses
 from miniloop_cli.stages.average import average
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.typing import Floats, Pair
-from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.verification.photometric_check import PhotometricCheck
 from miniloop_cli.verification.repetition import steps_m
 
 Row = dict[str, Any]
@@ -50,11 +51,11 @@ def edge_rows(
         features = [scan.features for scan in overlaps.scans]
         steps = steps_m(features, overlaps.points, overlaps.camera.width, settings[2], workers)
         views, outline = [scan.view for scan in overlaps.scans], [found.outline for found in features]
-        witness = Witness(views, overlaps.points, outline, steps, overlaps.camera)
+        photometric = PhotometricCheck(views, overlaps.points, outline, steps, overlaps.camera)
         solved, poses, seconds = {}, {}, {}
         for n in lengths:
             solved[n], seconds[n] = _solve(overlaps, settings[n], seed, workers)
-            poses[n], _ = average(solved[n], len(overlaps.points), settings[n].averaging, witness)
+            poses[n], _ = average(solved[n], len(overlaps.points), settings[n].averaging, photometric)
         pairs = sorted(set.intersection(*(_scored(solved[n], poses[n], overlaps) for n in lengths)))
         for n in lengths:
             row: Row = {"sequence": overlaps.name, "edges_are": NAMES[n], "longest": n, "edges": len(overlaps.matches)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,10 +10,10 @@ import networkx as nx
 import numpy as np
 
 from miniloop_cli.bench.overlaps import open_with_truth
-from miniloop_cli.config import load_settings
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, Edge
@@ -20,7 +21,7 @@ from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.points import scan_points
 from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.typing import Bools, Floats, Ints
-from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.verification.photometric_check import PhotometricCheck
 from miniloop_cli.verification.repetition import steps_m
 
 KINDS = ("random", "consistent")
@@ -30,7 +31,7 @@ FALSE_DEG, FALSE_M = 15.0, 0.30
 PATIENCE = 200  # draws in a row that bring no false edge: there are no more to be had
 LEAST_SCANS = 10
 # All gates open, so that every edge is there which its inliers verify.
-UNGATED = ("refine=none", "averaging.min_alike=0", "averaging.min_alone=0")
+UNGATED = ("refine=none", "averaging.min_photo_consistency=0", "averaging.min_bridge_inliers=0")
 UNGATED += ("averaging.max_residual_deg=180", "averaging.max_residual_m=1000")
 
 
@@ -38,14 +39,14 @@ UNGATED += ("averaging.max_residual_deg=180", "averaging.max_residual_m=1000")
 class TrueGraph:
     """A recording's true edges with their own estimates; `scans` (k,) they connect, true poses of all (n, 4, 4).
 
-    `witness`: what the scans show besides their matches.
+    `photometric`: what the scans show besides their matches.
     """
 
     name: str
     edges: list[Edge]
     scans: Ints
     T_world_cam: Floats
-    witness: Witness
+    photometric: PhotometricCheck
 
 
 def true_graph(folder: Path, max_frames: int | None, seed: int, workers: Workers) -> TrueGraph:
@@ -69,9 +70,9 @@ def true_graph(folder: Path, max_frames: int | None, seed: int, workers: Workers
     steps = steps_m(features, points, sequence.camera.width, load_settings(), workers)
     # Edges get the matches of others: the rows of those name other features here, and say nothing of outlines.
     outline = [np.zeros(max(map(len, features)), bool)] * len(features)
-    witness = Witness([scan.view for scan in run.scans], points, outline, steps, sequence.camera)
+    photometric = PhotometricCheck([scan.view for scan in run.scans], points, outline, steps, sequence.camera)
     inside = [e for e in edges if e.i in pieces[-1]]
-    return TrueGraph(sequence.name, inside, np.array(sorted(pieces[-1])), T, witness)
+    return TrueGraph(sequence.name, inside, np.array(sorted(pieces[-1])), T, photometric)
 
 
 def _near(T_a: Floats, T_b: Floats, deg: float, metres: float) -> bool:
@@ -141,7 +142,12 @@ def _cluster(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[int, int,
     moved = graph.T_world_cam.copy()
     i, j = int(rng.choice(a)), int(rng.choice(b))
     moved[b] = moved[i] @ se3.inverse(_some_motion(graph, rng)) @ se3.inverse(moved[j]) @ moved[b]
-    witness = graph.witness
-    pairs = partners(moved, np.concatenate([a, b]), witness.points, witness.camera, count)
+    photometric = graph.photometric
+    pairs = partners(moved, np.concatenate([a, b]), photometric.points, photometric.camera, count)
     across = [pair for pair in pairs if pair[0] in set(a.tolist()) and pair[1] in set(b.tolist())]
     return [(i, j, _motion(moved, i, j)) for i, j in rng.permutation(np.array(across).reshape(-1, 2)).tolist()]
+
+
+# Edges to T_world_cam (n, 4, 4), which of the scans have a pose, and the edges as judged (None: they are not judged).
+Solution = tuple[Floats, Bools, Sequence[Edge] | None]
+Solve = Callable[[TrueGraph, Sequence[Edge]], Solution]

@@ -3,41 +3,37 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from miniloop_cli.bench.averaging import errors
-from miniloop_cli.bench.false_edges import KINDS, TrueGraph, with_false_edges
+from miniloop_cli.bench.false_edges import KINDS, Solution, Solve, TrueGraph, with_false_edges
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.alignment import umeyama
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.edge import REJECTED, Edge
-from miniloop_cli.scene.poses import used
+from miniloop_cli.scene.poses import usable_edges
 from miniloop_cli.stages.average import average
-from miniloop_cli.typing import Bools, Floats
-from miniloop_cli.verification.consistency_check import Witness
+from miniloop_cli.typing import Bools
+from miniloop_cli.verification.photometric_check import PhotometricCheck
 
 Row = dict[str, Any]
-# Edges to T_world_cam (n, 4, 4), which of the scans have a pose, and the edges as judged (None: they are not judged).
-Solution = tuple[Floats, Bools, Sequence[Edge] | None]
-Solve = Callable[[TrueGraph, Sequence[Edge]], Solution]
-
 SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
-WITHIN = 2.0  # times the error on the clean graph
+MAX_ERROR_FACTOR = 2.0  # times the error on the clean graph
 LEAST_POSED = 0.95  # of the scans that the clean graph places
 
 
-def miniloop(graph: TrueGraph, edges: Sequence[Edge], witness: Witness | None = None) -> Solution:
+def miniloop(graph: TrueGraph, edges: Sequence[Edge], photometric: PhotometricCheck | None = None) -> Solution:
     """As the pipeline does it, up to the pose graph over the edges that are left."""
     count = len(graph.T_world_cam)
-    poses, judged = average(edges, count, Averaging(), witness)
+    poses, judged = average(edges, count, Averaging(), photometric)
     posed = poses.component == 0
-    inside = [e for e in used(judged, count) if posed[e.i] and posed[e.j]]
+    inside = [e for e in usable_edges(judged, count) if posed[e.i] and posed[e.j]]
     if not inside:
         return poses.T_world_cam, posed, judged
     pairs, T_j_i = [(e.i, e.j) for e in inside], np.array([e.T_j_i for e in inside])
@@ -47,7 +43,7 @@ def miniloop(graph: TrueGraph, edges: Sequence[Edge], witness: Witness | None = 
 
 def looking(graph: TrueGraph, edges: Sequence[Edge]) -> Solution:
     """As `miniloop`, with the scans' pictures and depth to be asked about edges, as in `miniloop register`."""
-    return miniloop(graph, edges, graph.witness)
+    return miniloop(graph, edges, graph.photometric)
 
 
 METHODS: dict[str, Solve] = {"miniloop": looking, "miniloop, edges only": miniloop}
@@ -58,8 +54,9 @@ def outlier_rows(
 ) -> Iterable[Row]:
     """One row a kind of false edges, share and method; every method sees the same graphs.
 
-    A run is within bounds if its error is at most WITHIN times that of the same method on the clean graph, and at
-    least LEAST_POSED of the scans have a pose: `within_share` by positions (ATE), `rot_within_share` by rotations.
+    A run is within bounds if its error is at most MAX_ERROR_FACTOR times that of the same method on the clean graph,
+    and at least LEAST_POSED of the scans have a pose: `within_share` by positions (ATE), `rot_within_share` by
+    rotations.
     """
     methods = dict(METHODS)
     if peers:
@@ -114,7 +111,9 @@ def _summary(found: Sequence[Row], clean: Row) -> Row:
             return None
         least = LEAST_POSED * clean["posed"]
         return float(
-            np.mean([r[key] is not None and r[key] <= WITHIN * clean[key] and r["posed"] >= least for r in found])
+            np.mean(
+                [r[key] is not None and r[key] <= MAX_ERROR_FACTOR * clean[key] and r["posed"] >= least for r in found]
+            )
         )
 
     row: Row = {"within_share": within("ate_cm"), "rot_within_share": within("rot_deg")}

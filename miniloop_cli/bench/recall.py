@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.stages import SessionStore, StageClock
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.runtime.artifact_store import default_folder
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -25,7 +25,7 @@ Row = dict[str, Any]
 WAYS = {  # every name with the settings that make it
     "exhaustive": ("matching.pairs=exhaustive",),
     "auto": ("matching.pairs=auto",),
-    "retrieval": ("matching.pairs=auto", "matching.all_up_to=2"),
+    "retrieval": ("matching.pairs=auto", "matching.exhaustive_max_scans=2"),
 }
 
 

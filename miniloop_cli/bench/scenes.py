@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.results.tables import reason
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.atomic_files import atomic_write

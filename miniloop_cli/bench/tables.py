@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.bench.overlaps import Overlaps, overlaps, paper_sequence
-from miniloop_cli.config import load_settings
 from miniloop_cli.evaluation.errors import relative_errors
 from miniloop_cli.graph.cycles import decompose
 from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.pipeline import register
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers

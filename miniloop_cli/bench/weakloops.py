@@ -18,10 +18,11 @@ import networkx as nx
 import numpy as np
 
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
-from miniloop_cli.config import Ransac, load_settings
+from miniloop_cli.config import Ransac
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edge_pool import Cycle
 from miniloop_cli.graph.overlap import overlap_graph
+from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import directed, in_order, sides, weakest_last
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
@@ -32,7 +33,7 @@ from miniloop_cli.typing import Ints, Pair
 
 Row = dict[str, Any]
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
-FEW, MANY = BINS[0][0], BINS[-1][1]
+MIN_MATCHES, MAX_MATCHES = BINS[0][0], BINS[-1][1]
 DRAWN = 10  # edges that a point of the picture stands for, at least
 STRONG = 40  # matches from which an edge can be a strong partner
 LEAST_TRUE = 5  # matches that the truth brings together; with fewer, no estimator can be expected to find it
@@ -55,7 +56,7 @@ def draw_loops(overlaps: Overlaps, kind: str, partners: str, most: int, rng: np.
     if kind == "thinned":
         weak = {pair: _some(rows, rng) for pair, rows in strong.items()}
     else:
-        weak = {pair: rows for pair, rows in overlaps.matches.items() if len(rows) <= MANY}
+        weak = {pair: rows for pair, rows in overlaps.matches.items() if len(rows) <= MAX_MATCHES}
     known = overlaps.known
     weak = {
         (i, j): rows
@@ -75,8 +76,8 @@ def draw_loops(overlaps: Overlaps, kind: str, partners: str, most: int, rng: np.
 
 
 def _some(rows: Ints, rng: np.random.Generator) -> Ints:
-    """FEW to MANY of the matches, in their order."""
-    return rows[np.sort(rng.permutation(len(rows))[: rng.integers(FEW, MANY + 1)])]
+    """MIN_MATCHES to MAX_MATCHES of the matches, in their order."""
+    return rows[np.sort(rng.permutation(len(rows))[: rng.integers(MIN_MATCHES, MAX_MATCHES + 1)])]
 
 
 def random_cycle(graph: nx.Graph, pair: Pair, length: int, rng: np.random.Generator) -> Cycle:
@@ -131,7 +132,9 @@ def weak_loop_rows(
     Everything but the seconds depends on the seed alone.
     """
     for folder in folders:
-        overlaps = read_overlaps(folder, load_settings(overrides=(f"matching.min_matches={FEW}",)), max_frames, workers)
+        overlaps = read_overlaps(
+            folder, load_settings(overrides=(f"matching.min_matches={MIN_MATCHES}",)), max_frames, workers
+        )
         for k, kind in enumerate(KINDS):
             for p, partners in enumerate(PARTNERS):
                 loops = draw_loops(overlaps, kind, partners, most, np.random.default_rng([seed, k, p]))
@@ -144,7 +147,7 @@ def weak_loop_rows(
                     )
                 )
                 sizes = np.array([len(loop.matches[loop.pair]) for loop in loops])
-                for low, high in (*BINS, (FEW, MANY)):
+                for low, high in (*BINS, (MIN_MATCHES, MAX_MATCHES)):
                     inside = np.flatnonzero((sizes >= low) & (sizes <= high))
                     for solver in solved[0] if len(inside) else ():
                         outcome = np.array([solved[m][solver] for m in inside])

@@ -37,7 +37,7 @@ def completion(shell: str) -> None:
 
 def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Presets that begin so; else files."""
-    from miniloop_cli.config import PRESETS
+    from miniloop_cli.presets import PRESETS
 
     found = [CompletionItem(name) for name in PRESETS if name.startswith(incomplete)]
     return found or [CompletionItem(incomplete, type="file")]
@@ -45,7 +45,7 @@ def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 def complete_key(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Dotted keys of settings that begin so, with their meaning where the shell shows it."""
-    from miniloop_cli.config import keys
+    from miniloop_cli.presets import keys
 
     return [CompletionItem(k, help=field.description) for k, field in keys().items() if k.startswith(incomplete)]
 
@@ -54,7 +54,7 @@ def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: 
     """`key=`, or once the key is whole, `key=value` for settings with a fixed choice."""
     from typing import get_args
 
-    from miniloop_cli.config import keys
+    from miniloop_cli.presets import keys
 
     key, equals, begun = incomplete.partition("=")
     if not equals:

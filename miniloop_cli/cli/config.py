@@ -36,7 +36,7 @@ def show(name: str, overrides: tuple[str, ...]) -> None:
     \b
     Example:   miniloop config show fast --set features.count=2000
     """
-    from miniloop_cli.config import load_settings
+    from miniloop_cli.presets import load_settings
 
     click.echo(described_yaml(load_settings(name, overrides)).strip().replace("\n\n\n", "\n\n"))
 
@@ -61,7 +61,7 @@ def explain(key: str) -> None:
     \b
     Example:   miniloop config explain ransac.threshold_m
     """
-    from miniloop_cli.config import keys
+    from miniloop_cli.presets import keys
 
     known = keys()
     inside = [name for name in known if name == key or name.startswith(f"{key}.")]
@@ -86,7 +86,7 @@ def unknown_key(key: str, known: list[str]) -> Exception:
 
 def explanation(key: str, field: FieldInfo) -> str:
     """One setting in a few lines that fit 80 columns."""
-    from miniloop_cli.config import PRESETS, load_settings
+    from miniloop_cli.presets import PRESETS, load_settings
 
     values = {preset: as_yaml(value_of(load_settings(preset), key)) for preset in PRESETS}
     others = ", ".join(f"{preset} {value}" for preset, value in values.items() if value != as_yaml(field.default))

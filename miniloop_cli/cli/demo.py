@@ -26,12 +26,12 @@ def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) ->
     from miniloop_cli.cli.eval import evaluate
     from miniloop_cli.cli.register import register
     from miniloop_cli.cli.simulate import simulate
-    from miniloop_cli.warmup import compile_ahead
+    from miniloop_cli.warmup import compile_in_background
 
     folder = output or Path("demo")
     recording, result = folder / "recording", folder / "result"
     if jobs != 1:
-        compile_ahead()
+        compile_in_background()
     context = click.get_current_context()
     context.invoke(simulate, folder=recording, frames=frames, seed=seed, quiet=quiet, overwrite=True)
     context.invoke(register, sequence=recording, output=result, jobs=jobs, seed=seed, quiet=quiet)

@@ -15,9 +15,9 @@ from typing import NoReturn
 
 import click
 
-from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
-from miniloop_cli.runtime.signals import heed_interrupts, interrupts_are_over
+from miniloop_cli.runtime.signals import install_handlers, stop_repeating
+from miniloop_cli.version import __version__
 
 PROGRAM = "miniloop"
 # What imports make stays: looking for garbage among it every 700 objects took a fifteenth of a repeated run.
@@ -85,7 +85,7 @@ def main(args: list[str] | None = None) -> None:
     args = sys.argv[1:] if args is None else args
     gc.set_threshold(YOUNG_OBJECTS)
     debug = "--debug" in args or bool(os.environ.get("MINILOOP_DEBUG"))
-    heed_interrupts()
+    install_handlers()
     try:
         # --debug is taken wherever it stands: people add it to the end of the command that failed.
         cli.main(args=[arg for arg in args if arg != "--debug"], prog_name=PROGRAM, standalone_mode=False)
@@ -106,7 +106,7 @@ def main(args: list[str] | None = None) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     finally:
-        interrupts_are_over()
+        stop_repeating()
 
 
 def _end_interrupted() -> NoReturn:

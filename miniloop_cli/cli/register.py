@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from miniloop_cli.cli.main import CONTEXT
 if TYPE_CHECKING:
     from miniloop_cli.scene.registration import Registration
 
+LOG = logging.getLogger("miniloop")
 MOST_REASONS = 8  # that the summary shows
 FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 
@@ -44,11 +46,12 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
     help="Accelerometer readings (timestamp ax ay az): the known vertical confirms weak edges.",
 )
 @click.option(
-    "--init",
+    "--pose-prior",
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Rough poses (TUM format): which scans to compare, which edges are wrong.",
 )
+@click.option("--init", type=click.Path(path_type=Path), hidden=True, help="Name of --pose-prior in release 0.1.")
 @options.layout
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 @options.overrides
@@ -78,6 +81,7 @@ def register(
     pairs: str | None,
     camera: Path | None,
     gravity: Path | None,
+    pose_prior: Path | None,
     init: Path | None,
     layout: str | None,
     max_frames: int | None,
@@ -104,6 +108,8 @@ def register(
 
         import_rerun()  # said now, not when the work is done
 
+    if init:
+        LOG.warning("--init is called --pose-prior now; the old name goes with the next release")
     if features:
         overrides = (f"features.type={features}", *overrides)
     if pairs:
@@ -116,7 +122,7 @@ def register(
         layout=layout,
         camera=camera,
         gravity=gravity,
-        init=init,
+        pose_prior=pose_prior or init,
         max_frames=max_frames,
         jobs=jobs,
         cluster=cluster,

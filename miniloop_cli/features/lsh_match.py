@@ -22,7 +22,7 @@ Bits = NDArray[np.uint32]
 
 LANES = 16  # columns compared at once; each keeps its best
 CANDIDATES = 8
-MOST = 1 << 16  # features of a scan: as many as a key can number
+MAX_FEATURES = 1 << 16  # features of a scan: as many as a key can number
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def sketch(descriptors: Sequence[Bytes]) -> list[Sketched]:
     strongest = [found[:200] for found in descriptors if len(found)]
     mean = np.concatenate(strongest).mean(axis=0).astype(np.float32) if strongest else np.zeros(1, np.float32)
     directions = _directions(len(mean))
-    return [_sketched(found[:MOST], mean, directions) for found in descriptors]
+    return [_sketched(found[:MAX_FEATURES], mean, directions) for found in descriptors]
 
 
 def _directions(d: int) -> Floats32:

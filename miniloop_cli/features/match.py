@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 LANES = 16
-FAR = np.float32(3e38)
+INFINITE_DISTANCE = np.float32(3e38)
 # No NaN comes in, and the sign of zero does not matter: without these two promises minima do not vectorise.
 # Reassociation stays forbidden: a distance must come out the same to the bit each time it is computed.
 MATH = {"nnan", "nsz"}
@@ -46,15 +46,15 @@ def _top2(d: Floats32, column: Floats32, lane1: Floats32, lane2: Floats32) -> tu
     """Best and second-best of the distances d (m,); column (m,) takes their minimum with what it holds."""
     m = d.shape[0]
     whole = m - m % LANES
-    lane1[:] = FAR
-    lane2[:] = FAR
+    lane1[:] = INFINITE_DISTANCE
+    lane2[:] = INFINITE_DISTANCE
     for j0 in range(0, whole, LANES):
         for k in range(LANES):
             x = d[j0 + k]
             column[j0 + k] = min(column[j0 + k], x)
             lane2[k] = min(lane2[k], max(lane1[k], x))
             lane1[k] = min(lane1[k], x)
-    best, second = FAR, FAR
+    best, second = INFINITE_DISTANCE, INFINITE_DISTANCE
     for k in range(LANES):
         second = min(max(best, lane1[k]), second, lane2[k])
         best = min(best, lane1[k])
@@ -83,7 +83,7 @@ def _match_products(products: Floats32, norms_a: Floats32, norms_b: Floats32, ra
     """products (n, m) float32 = -2 a b^T, squared norms (n,), (m,) float32 -> (k, 2) int64."""
     n, m = products.shape
     best, second = np.empty(n, np.float32), np.empty(n, np.float32)
-    column, lane1, lane2 = np.full(m, FAR), np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    column, lane1, lane2 = np.full(m, INFINITE_DISTANCE), np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     for i in range(n):
         d = products[i]
         for j in range(m):
@@ -123,7 +123,7 @@ def _match_bits(a: NDArray[np.uint64], b: NDArray[np.uint64], ratio: np.float32)
     """a (n, w), b (w, m) uint64 -> (k, 2) int64."""
     n, m = a.shape[0], b.shape[1]
     best, second, d = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(m, np.float32)
-    column, lane1, lane2 = np.full(m, FAR), np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    column, lane1, lane2 = np.full(m, INFINITE_DISTANCE), np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     for i in range(n):
         _hamming_row(a[i], b, d)
         best[i], second[i] = _top2(d, column, lane1, lane2)

@@ -14,8 +14,8 @@ import numpy as np
 from miniloop_cli.typing import Bytes, Floats32, Ints, Pair
 
 WORDS = 32
-TRAINING = 20_000  # descriptors that the vocabulary is learnt from
-STRONGEST = 300  # features of an image that describe it
+TRAINING_DESCRIPTORS = 20_000  # descriptors that the vocabulary is learnt from
+DESCRIBED_FEATURES = 300  # features of an image that describe it
 FAISS_FROM = 10_000  # images from which faiss, where installed, searches instead of a matrix product
 
 
@@ -23,13 +23,13 @@ def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Flo
     """(n, WORDS * d) unit vectors of n images from their (k, d) compact descriptors; zero for images without any."""
     from scipy.cluster.vq import kmeans2, vq
 
-    strongest = [found[:STRONGEST].astype(np.float32) for found in descriptors]
+    strongest = [found[:DESCRIBED_FEATURES].astype(np.float32) for found in descriptors]
     width = max((found.shape[1] for found in strongest if len(found)), default=1)
     vectors = np.zeros((len(strongest), WORDS, width), np.float32)
     everything = np.concatenate([np.zeros((0, width), np.float32), *(found for found in strongest if len(found))])
     if len(everything) < WORDS:
         return vectors.reshape(len(strongest), -1)
-    sample = everything[rng.permutation(len(everything))[:TRAINING]]
+    sample = everything[rng.permutation(len(everything))[:TRAINING_DESCRIPTORS]]
     words, _ = kmeans2(sample, WORDS, iter=10, minit="++", rng=rng)
     for vector, found in zip(vectors, strongest, strict=True):
         if len(found):

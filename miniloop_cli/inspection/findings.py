@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-FEW = 150  # features with depth a frame
+FEW_FEATURES = 150  # features with depth a frame
 LEVELS = ("problem", "warning", "note")
 Numbers = dict[str, Any]
 
@@ -82,7 +82,9 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
             "warning", "dark", f"the images are dark (mean grey level {images['brightness']:.0f} of 255)",
             "add light or raise the exposure; try --set features.contrast=0.01",
         )  # fmt: skip
-    if images["blurred"] > 0.3 and numbers.get("features", {}).get("with_depth", 0) >= FEW:  # else it is the noise
+    if (
+        images["blurred"] > 0.3 and numbers.get("features", {}).get("with_depth", 0) >= FEW_FEATURES
+    ):  # else it is the noise
         yield Finding(
             "warning", "blur", f"{100 * images['blurred']:.0f} % of the frames are much less sharp than the others",
             "move more slowly or shorten the exposure",
@@ -98,7 +100,7 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _features(numbers: Numbers) -> Iterator[Finding]:
-    if "features" in numbers and numbers["features"]["with_depth"] < FEW:
+    if "features" in numbers and numbers["features"]["with_depth"] < FEW_FEATURES:
         yield Finding(
             "problem" if numbers["features"]["with_depth"] < 40 else "warning",
             "few-features",

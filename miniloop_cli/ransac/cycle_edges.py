@@ -25,7 +25,7 @@ def judge(edge: Edge, settings: Verification) -> Edge:
     if inliers >= settings.min_inliers and share >= settings.min_share:
         return replace(edge, verdict=VERIFIED, reason="")
     reason = f"{inliers} inliers of {len(edge.matches)} matches"
-    return replace(edge, verdict=WEAK if inliers >= settings.rescue_inliers else REJECTED, reason=reason)
+    return replace(edge, verdict=WEAK if inliers >= settings.min_weak_inliers else REJECTED, reason=reason)
 
 
 def weakest_last(cycle: Cycle, matches: Matches) -> Cycle:

@@ -13,7 +13,7 @@ MATH = {"nsz", "arcp", "contract", "reassoc"}
 
 
 @njit(cache=True, nogil=True, fastmath=MATH, error_model="numpy", inline="always")
-def edge_system(
+def edge_normal_equations(
     T: Floats,
     matches: Packed,
     first: int,

@@ -11,7 +11,7 @@ from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.procrustes import procrustes
-from miniloop_cli.ransac.local_refinement import edge_poses, settle
+from miniloop_cli.ransac.local_refinement import edge_poses, refine_locally
 from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
 from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
 from miniloop_cli.typing import Bools, Floats
@@ -96,7 +96,7 @@ def _settled(
     upright: bool,
     hypotheses: int,
 ) -> CycleEstimate | None:
-    settled = settle(T, matches, gate2, chi2_gate, upright)
+    settled = refine_locally(T, matches, gate2, chi2_gate, upright)
     if settled is None:
         return None
     chi2, information, covariance = settled

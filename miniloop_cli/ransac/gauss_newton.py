@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from miniloop_cli.ransac.edge_normal_equations import MATH, edge_system
+from miniloop_cli.ransac.edge_normal_equations import MATH, edge_normal_equations
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.typing import Floats
 
@@ -39,7 +39,7 @@ def compose_into(T: Floats, C: Floats) -> None:
 
 
 @njit(**OPTIONS)
-def carry(T: Floats, A: Floats) -> None:
+def closing_jacobians(T: Floats, A: Floats) -> None:
     """A (n-1, 6, 6): what a perturbation xi of edge e does to the closing pose of T (n-1, 3, 4) is A[e] xi.
 
     The perturbation is carried through the later poses: A[e] is the adjoint of T[n-2] ... T[e+1].
@@ -128,8 +128,8 @@ def cycle_system(
 ) -> float:
     """Normal equations H (6(n-1),)^2, g of a whole cycle; edge_H (edges, 6, 6) those of each edge; returns the cost.
 
-    Weights as in `edge_system`. `upright`: rotations are about z only (known vertical), so the other two parameters
-    are held.
+    Weights as in `edge_normal_equations`. `upright`: rotations are about z only (known vertical), so the other two
+    parameters are held.
     """
     chain, edges = T.shape[0], matches.start.shape[0] - 1
     poses, b, A, HA = np.empty((chain + 1, 3, 4)), np.empty(6), np.empty((chain, 6, 6)), np.empty((6, 6))
@@ -145,14 +145,14 @@ def cycle_system(
     cost = 0.0
     for e in range(edges):
         first, last = matches.start[e], matches.start[e + 1]
-        cost += edge_system(poses[e], matches, first, last, inflation2, gate2, c2, edge_H[e], b)
+        cost += edge_normal_equations(poses[e], matches, first, last, inflation2, gate2, c2, edge_H[e], b)
         if e < chain:
             for i in range(6):
                 g[6 * e + i] += b[i]
                 for j in range(6):
                     H[6 * e + i, 6 * e + j] += edge_H[e, i, j]
     if edges > chain:
-        carry(T, A)
+        closing_jacobians(T, A)
         for f in range(chain):
             for i in range(6):
                 for j in range(6):

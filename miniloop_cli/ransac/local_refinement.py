@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from miniloop_cli.ransac.gauss_newton import CAUCHY2, WHOLE, carry, compose_into, gauss_newton
+from miniloop_cli.ransac.gauss_newton import CAUCHY2, WHOLE, closing_jacobians, compose_into, gauss_newton
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.typing import Bools, Floats
 
@@ -51,7 +51,7 @@ def edge_poses(T: Floats, edges: int) -> Floats:
     return poses
 
 
-def settle(
+def refine_locally(
     T: Floats, matches: Packed, gate2: float, chi2_gate: float, upright: bool
 ) -> tuple[Floats, Floats, Floats] | None:
     """Robust joint refinement of T (n-1, 3, 4), in place, and what each edge's matches say to it.
@@ -66,13 +66,15 @@ def settle(
         return None
     for _ in range(2):
         mahalanobis2(edge_poses(T, edges), matches, chi2)
-        if not gauss_newton(T, chosen(matches, chi2 < chi2_gate), 0.0, np.inf, CAUCHY2, upright, STEPS, H, information):
+        if not gauss_newton(
+            T, select_matches(matches, chi2 < chi2_gate), 0.0, np.inf, CAUCHY2, upright, STEPS, H, information
+        ):
             return None
     mahalanobis2(edge_poses(T, edges), matches, chi2)
     return chi2, information, _covariances(T, H, edges, upright)
 
 
-def chosen(matches: Packed, kept: Bools) -> Packed:
+def select_matches(matches: Packed, kept: Bools) -> Packed:
     """The matches (N,) that are to be kept."""
     before = np.concatenate([[0], np.cumsum(kept)])
     P, Q, CP, CQ = (np.ascontiguousarray(x[:, kept]) for x in matches[:4])
@@ -91,7 +93,7 @@ def _covariances(T: Floats, H: Floats, edges: int, upright: bool) -> Floats:
         covariance[e] = joint[6 * e : 6 * e + 6, 6 * e : 6 * e + 6]
     if edges > chain:
         A = np.empty((chain, 6, 6))
-        carry(T, A)
+        closing_jacobians(T, A)
         A = np.concatenate(A, axis=1)
         covariance[-1] = A @ joint @ A.T
     return covariance

@@ -16,12 +16,12 @@ from miniloop_cli.ransac.sampling import draw_samples
 from miniloop_cli.ransac.scoring import best_of, inlier_sample_share, score_cycle
 from miniloop_cli.typing import Floats
 
-FIRST, LARGEST = 32, 256  # hypotheses of the first batch; later ones double
-KEPT = 4096  # samples from which the share of clean ones is told
+FIRST_BATCH, LARGEST_BATCH = 32, 256  # hypotheses of the first batch; later ones double
+MAX_KEPT_SAMPLES = 4096  # samples from which the share of clean ones is told
 CLEAN_WANTED = 3.0  # a minimal sample of inliers is not yet a good pose: ask for several
 BASELINE_SHARE = 0.1
 TOLERANCE_SHARE = 0.5  # of the gate: what each of two matches may add to the misfit of their distance
-STEPS = 3
+POLISH_STEPS = 3
 NEARLY_REAL = 0.2  # rad; the 6- and 7-cycle give nearly real solutions only if asked
 
 
@@ -68,7 +68,7 @@ def search(
     best, trial, cost = np.zeros((scans - 1, 3, 4)), np.zeros((scans - 1, 3, 4)), np.inf
     floors = np.full(len(sizes), np.inf)
     kept = np.zeros((0, sizes.sum()), np.int64)
-    tried, needed, batch = 0, settings.iterations, FIRST
+    tried, needed, batch = 0, settings.iterations, FIRST_BATCH
     while tried < needed:
         count = min(batch, settings.iterations - tried)
         samples = np.empty((count, sizes.sum()), np.int64)
@@ -80,9 +80,9 @@ def search(
             trial_cost = _optimise(trial, matches, inverse_gate2, soft, upright, trial_cost)
         if trial_cost < cost:
             best, trial, cost = trial, best, trial_cost
-        tried, batch = tried + count, min(2 * batch, LARGEST)
+        tried, batch = tried + count, min(2 * batch, LARGEST_BATCH)
         if settings.adaptive and np.isfinite(cost):
-            kept = np.concatenate([kept, samples])[-KEPT:]
+            kept = np.concatenate([kept, samples])[-MAX_KEPT_SAMPLES:]
             share = inlier_sample_share(best, matches, inverse_gate2, kept, sizes)
             needed = min(settings.iterations, hypotheses_needed(share, settings.confidence))
     return (best if np.isfinite(cost) else None), tried
@@ -99,7 +99,7 @@ def _optimise(T: Floats, matches: Packed, inverse_gate2: Floats, soft: float, up
     floors, closing = np.empty(edges), np.empty((3, 4))
     trial = T.copy()
     for inflation2 in (gate2 / 9, 0.0):
-        if gauss_newton(trial, matches, inflation2, 4 * gate2, CAUCHY2, upright, STEPS, H, edge_H):
+        if gauss_newton(trial, matches, inflation2, 4 * gate2, CAUCHY2, upright, POLISH_STEPS, H, edge_H):
             floors[:] = np.inf
             refined = score_cycle(trial, matches, inverse_gate2, soft, cost, floors, closing)
             if refined < cost:

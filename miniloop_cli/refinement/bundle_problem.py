@@ -10,7 +10,7 @@ import numpy as np
 
 from miniloop_cli.geometry.se3 import exp_so3
 from miniloop_cli.refinement.block_system import BlockSystem
-from miniloop_cli.refinement.jackknife import left_shares
+from miniloop_cli.refinement.jackknife import remaining_fraction
 from miniloop_cli.refinement.robust import NAMES, weight_and_curvature
 from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.track_terms import Model, Observations, evaluate_tracks, mark_seen_together
@@ -101,7 +101,7 @@ class Bundle:
         unknown[lost(H, n)] = True
         H[:n][unknown] = np.eye(6)
         diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
-        for number, left in enumerate(left_shares(part)):
+        for number, left in enumerate(remaining_fraction(part)):
             S, g, _ = self.reduced(_subset(self.obs, part != number), model, _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0

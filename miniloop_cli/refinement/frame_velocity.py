@@ -11,7 +11,7 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
-from miniloop_cli.refinement.jackknife import PARTS, image_part, left_shares
+from miniloop_cli.refinement.jackknife import PARTS, image_part, remaining_fraction
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints
@@ -44,7 +44,7 @@ def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Flo
     return v, w
 
 
-def felt_twists(
+def estimate_velocities(
     path: tuple[Floats, Floats],
     before: tuple[Floats, Floats],
     measured: Measurements,
@@ -81,7 +81,7 @@ def felt_twists(
         g[:, 6:] += prior * (twist[f] - centre[f])
         twist_step = np.linalg.solve(_regular(H), g[..., None])[:, 6:, 0]
         felt[f] -= twist_step[0]
-        unsure[f] = _by_twist(_regular(H[0]), prior, twist_step[1:] - twist_step[0], left_shares(part))
+        unsure[f] = _by_twist(_regular(H[0]), prior, twist_step[1:] - twist_step[0], remaining_fraction(part))
     moved = (felt != twist).any(axis=1)
     if moved.any():
         felt[moved] -= np.median((felt - centre)[moved], axis=0)

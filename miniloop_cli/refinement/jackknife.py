@@ -24,6 +24,6 @@ def image_part(px: Floats, camera: Camera) -> Ints:
     return SIDE * row + column
 
 
-def left_shares(part: Ints) -> Floats:
+def remaining_fraction(part: Ints) -> Floats:
     """Share (PARTS,) of the measurements that is left without each part: weights of the squared changes."""
     return 1 - np.bincount(part, minlength=PARTS) / max(len(part), 1)

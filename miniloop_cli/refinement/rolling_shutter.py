@@ -8,7 +8,7 @@ import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
-from miniloop_cli.refinement.frame_velocity import felt_twists, twists
+from miniloop_cli.refinement.frame_velocity import estimate_velocities, twists
 from miniloop_cli.refinement.gauge import with_own_errors
 from miniloop_cli.refinement.timing import Flow, Measurements, camera_depths, corrected, flow, slopes
 from miniloop_cli.scene.timing import Timing
@@ -22,7 +22,7 @@ MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 8, 0.02, 0.0015
 FOLLOWING = 0.15  # of the cost's curvature by a time is about what is left where poses and points follow it
 REST = 1e-4  # relative change of the cost where poses and points have followed
 FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
-LEAST_FELT_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
+MIN_VELOCITY_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
 NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 
 
@@ -66,7 +66,7 @@ def adjust_moving(
     The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
     frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
     timing open. But only motion times readout moves a pixel, so an ASSUMED readout will do to feel their motion; the
-    result is taken if it explains the measurements better by more than LEAST_FELT_GAIN.
+    result is taken if it explains the measurements better by more than MIN_VELOCITY_GAIN.
     """
     if timing != NO_TIMING:
         return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
@@ -75,7 +75,7 @@ def adjust_moving(
     T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
     if feel and on_path.sum() <= moving.known.sum() / 2:
         felt = _undone(T, measured, moving, ASSUMED, rough, even, jobs, True)
-        if felt.descent.cost_after < (1 - LEAST_FELT_GAIN) * plain.descent.cost_after:
+        if felt.descent.cost_after < (1 - MIN_VELOCITY_GAIN) * plain.descent.cost_after:
             return _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True), ASSUMED
     return adjust(T, measured, moving.camera, fine, jobs, points=points), timing
 
@@ -90,7 +90,7 @@ def _undone(
     for _ in range(FELT_STEPS if feel else 0):
         result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
         T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
-        motion, unsure = felt_twists(path, motion, measured, result, timing, moving.camera, rough)
+        motion, unsure = estimate_velocities(path, motion, measured, result, timing, moving.camera, rough)
         px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
     result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
     if result.covariance is None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from miniloop_cli import __version__
 from miniloop_cli.datasets import read_ground_truth
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
@@ -20,6 +19,7 @@ from miniloop_cli.results.columns import ReportData
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.version import __version__
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from miniloop_cli import __version__
 from miniloop_cli.datasets import read_scan
 from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
@@ -31,6 +30,7 @@ from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Bytes, Floats, Floats32
+from miniloop_cli.version import __version__
 
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")

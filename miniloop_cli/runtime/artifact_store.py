@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli import __version__
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.version import __version__
 
 Arrays = Mapping[str, NDArray[Any]]
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")

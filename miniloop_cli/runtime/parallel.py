@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol, TypeVar
 
 import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be loaded to be held at one thread
 from joblib import effective_n_jobs
@@ -25,8 +25,15 @@ ROOM_BYTES = 128 << 20
 
 Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
 
-if TYPE_CHECKING:
-    from miniloop_cli.runtime.dask_cluster import Cluster
+
+class Cluster(Protocol):
+    """Machines that work is sent to (runtime.dask_cluster)."""
+
+    def map(
+        self, function: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
+    ) -> Iterable[Result]:
+        """function(shared, item) for each item, in order."""
+        ...
 
 
 @contextmanager

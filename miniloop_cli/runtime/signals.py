@@ -13,18 +13,18 @@ from miniloop_cli.errors import interrupted
 
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 AGAIN_S = 0.5
-DELICATE = (  # library and function
+UNINTERRUPTIBLE = (  # library and function
     ("llvmlite", "close"),  # gives memory back and then notes it: in between, it does so twice
     ("numba", "load_overload"),  # links a kernel into the process: half of it crashes when it is taken apart
 )
 COME_AGAIN = hasattr(signal, "setitimer")  # not so on Windows
 
 
-def heed_interrupts() -> None:
+def install_handlers() -> None:
     """SIGTERM as Ctrl-C: a stopped container tidies up, too. Called from the main thread.
 
     Where libraries catch everything, or compiled code calls Python, an interrupt is lost and the command would go on.
-    So each comes again every AGAIN_S, unless it is just being dealt with, until `interrupts_are_over`.
+    So each comes again every AGAIN_S, unless it is just being dealt with, until `stop_repeating`.
     """
     for number in INTERRUPTS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in the background of a shell script
@@ -34,7 +34,7 @@ def heed_interrupts() -> None:
     sys.unraisablehook = _forgotten
 
 
-def interrupts_are_over() -> None:
+def stop_repeating() -> None:
     """No interrupt comes again."""
     if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -60,20 +60,22 @@ def uninterrupted() -> Iterator[None]:
 def _interrupt(_: int, frame: FrameType | None) -> None:
     if COME_AGAIN:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
-        if _is_delicate(frame):
+        if _is_uninterruptible(frame):
             return
     raise KeyboardInterrupt
 
 
 def _again(_: int, frame: FrameType | None) -> None:
-    if not interrupted(sys.exception()) and not _is_delicate(frame):
+    if not interrupted(sys.exception()) and not _is_uninterruptible(frame):
         raise KeyboardInterrupt
 
 
-def _is_delicate(frame: FrameType | None) -> bool:
+def _is_uninterruptible(frame: FrameType | None) -> bool:
     """Whether a library is at what it does not survive to be cut off in; the interrupt comes again a little later."""
     while frame:
-        if any(name == frame.f_code.co_name and library in frame.f_code.co_filename for library, name in DELICATE):
+        if any(
+            name == frame.f_code.co_name and library in frame.f_code.co_filename for library, name in UNINTERRUPTIBLE
+        ):
             return True
         frame = frame.f_back
     return False

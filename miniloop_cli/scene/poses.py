@@ -27,7 +27,7 @@ class Poses:
         return np.flatnonzero(self.component == 0)
 
 
-def used(edges: Sequence[Edge], count: int) -> list[Edge]:
+def usable_edges(edges: Sequence[Edge], count: int) -> list[Edge]:
     """Verified edges, and the weak ones of scans that would hang on fewer than three."""
     few = np.bincount(pairs_of([e for e in edges if e.verdict == VERIFIED]).ravel(), minlength=count) < FEW_EDGES
     return [e for e in edges if e.verdict == VERIFIED or (e.verdict == WEAK and (few[e.i] or few[e.j]))]

@@ -46,7 +46,7 @@ from miniloop_cli.solvers._kernels.alignment import (
     write_edge,
 )
 from miniloop_cli.solvers._kernels.closing import close_loop, equidistant
-from miniloop_cli.solvers._kernels.cycle_rotation import read_from, write_back
+from miniloop_cli.solvers._kernels.cycle_rotation import poses_from_rotated, rotated_matches
 from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, roots_on_circle, workspace
 from miniloop_cli.solvers._kernels.trig_polynomials import Waves, conj, mix, norm_excess, product, value, waves
 from miniloop_cli.solvers.batch import run_batch, run_single
@@ -175,11 +175,11 @@ def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     if count < 0:
         new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
         for start in range(1, 5):
-            read_from(start, p, q, new_p, new_q)
+            rotated_matches(start, p, q, new_p, new_q)
             count = _solve_from_first(new_p, new_q, new_T, nearly_real)
             if count >= 0:
                 for s in range(count):
-                    write_back(start, new_T, T, s)
+                    poses_from_rotated(start, new_T, T, s)
                 break
     return max(count, 0)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from numba import njit
 
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
-from miniloop_cli.solvers._kernels.known_vertical import finite, rise, write_upright, xy
+from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.typing import Floats, Ints
 
@@ -25,7 +25,7 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
     turn, good = unit(dp.conjugate() * dq)
     if not (good and finite(p, q)):
         return 0
-    write_upright(T, 0, 0, p, q, turn, 0.5 * (rise(p, q, 0) + rise(p, q, 1)))
+    write_upright(T, 0, 0, p, q, turn, 0.5 * (height_change(p, q, 0) + height_change(p, q, 1)))
     # The first matches meet exactly so far: share the misfit of the second.
     misfit = 0.5 * (dq - turn * dp)
     T[0, 0, 0, 3] += misfit.real

@@ -13,7 +13,7 @@ from __future__ import annotations
 from numba import njit
 
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
-from miniloop_cli.solvers._kernels.known_vertical import finite, rise, turns_reaching, write_upright, xy
+from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.typing import Floats, Ints
 
@@ -26,8 +26,8 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (3, 3) matches of 1-2, 2-3, 1-3; T (2, 2, 3, 4) receives 1 -> 2 -> 3; returns 0 to 2."""
     a, b, t = xy(p, 2) - xy(p, 0), xy(q, 2) - xy(q, 1), xy(q, 0) - xy(p, 1)
     first, second, found = turns_reaching(t, a, abs(b))
-    up1, up2 = rise(p, q, 0), rise(p, q, 1)
-    spread = (rise(p, q, 2) - up1 - up2) / 3
+    up1, up2 = height_change(p, q, 0), height_change(p, q, 1)
+    spread = (height_change(p, q, 2) - up1 - up2) / 3
     count = 0
     for i in range(found):
         A = first if i == 0 else second

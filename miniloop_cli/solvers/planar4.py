@@ -15,7 +15,7 @@ from __future__ import annotations
 from numba import njit
 
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
-from miniloop_cli.solvers._kernels.known_vertical import finite, rise, turns_reaching, write_upright, xy
+from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.typing import Floats, Ints
 
@@ -31,9 +31,9 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
     a, b = 0.5 * (xy(p, 3) + xy(p, 4)) - xy(p, 0), 0.5 * (xy(q, 3) + xy(q, 4)) - xy(q, 2)
     way = hand.conjugate() * b - a
     first, second, found = turns_reaching(t3, t2, abs(way))
-    up1, up2, up3 = rise(p, q, 0), rise(p, q, 1), rise(p, q, 2)
-    # Least squares with unit variance a match: the closing rise is the mean of two.
-    spread = (0.5 * (rise(p, q, 3) + rise(p, q, 4)) - up1 - up2 - up3) / 3.5
+    up1, up2, up3 = height_change(p, q, 0), height_change(p, q, 1), height_change(p, q, 2)
+    # Least squares with unit variance a match: the closing height_change is the mean of two.
+    spread = (0.5 * (height_change(p, q, 3) + height_change(p, q, 4)) - up1 - up2 - up3) / 3.5
     count = 0
     for i in range(found):
         B = first if i == 0 else second

@@ -27,7 +27,7 @@ from miniloop_cli.scene.poses import Poses
 from miniloop_cli.typing import Floats, Ints, Pair
 
 
-def second_round(
+def match_guided(
     edges: Sequence[Edge],
     poses: Poses,
     features: Sequence[ScanFeatures],
@@ -58,7 +58,7 @@ def second_round(
     return [edge for edge in solved if edge is not None and edge.verdict == VERIFIED]
 
 
-def replaced(edges: Sequence[Edge], found: Sequence[Edge]) -> list[Edge]:
+def replace_edges(edges: Sequence[Edge], found: Sequence[Edge]) -> list[Edge]:
     """The edges and those found, these in place of others of the same pairs; sorted by (i, j)."""
     by_pair = {(edge.i, edge.j): edge for edge in (*edges, *found)}
     return [by_pair[pair] for pair in sorted(by_pair)]

@@ -24,7 +24,7 @@ from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.typing import Ints, Pair
 
 Descriptors = Sequence[NDArray]
-MANY = 150  # matches that need no further check
+MAX_CHECKED_MATCHES = 150  # matches that need no further check
 AGREEING_M = 0.04  # tighter than the estimator's threshold: a few chance matches must not pass for an overlap
 
 
@@ -36,7 +36,7 @@ def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
     if source in ("auto", "exhaustive"):
         return list(combinations(range(count), 2))
     if source == "sequential":
-        return neighbours(count, settings.neighbours)
+        return neighbours(count, settings.sequential_window)
     try:
         return sorted({(min(i, j), max(i, j)) for i, j in read_pairs(Path(source), count) if i != j})
     except InputError as error:
@@ -50,8 +50,8 @@ def neighbours(count: int, most: int) -> list[Pair]:
 
 def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Generator) -> list[Pair]:
     """Frames that are near in time or look alike: the candidates of long recordings."""
-    alike = similar_pairs(image_vectors(compact, rng), settings.similar)
-    return sorted({*neighbours(len(compact), settings.neighbours), *alike})
+    alike = similar_pairs(image_vectors(compact, rng), settings.retrieval_k)
+    return sorted({*neighbours(len(compact), settings.sequential_window), *alike})
 
 
 def comparer(
@@ -102,9 +102,9 @@ def match_quickly(
 def _match_quickly(shared: tuple[Sequence[Sketched], Sequence[ScanPoints], Matching, float], pair: Pair) -> Ints | None:
     features, points, settings, ratio2 = shared
     rows = match_sketched(features[pair[0]], features[pair[1]], settings.count, ratio2)
-    if settings.min_matches <= len(rows) <= MANY and settings.min_agreeing > 1:
-        agreeing = consistent(points, pair, rows, AGREEING_M, settings.min_agreeing - 1).sum()
-        return rows if agreeing >= settings.min_agreeing else None
+    if settings.min_matches <= len(rows) <= MAX_CHECKED_MATCHES and settings.min_distance_consistent > 1:
+        agreeing = consistent(points, pair, rows, AGREEING_M, settings.min_distance_consistent - 1).sum()
+        return rows if agreeing >= settings.min_distance_consistent else None
     return rows
 
 

@@ -12,7 +12,7 @@ from miniloop_cli.refinement.inputs import Refined, Scans
 from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import Edge
-from miniloop_cli.scene.poses import Poses, used
+from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.stages.serialization import edges_fingerprint
 
@@ -27,7 +27,7 @@ def refined(
     averaged (`beginning`): a run with other settings that believes the same edges finds it in the store.
     """
     count, of_largest = len(poses.component), poses.component == 0
-    inside = [e for e in used(edges, count) if of_largest[e.i] and of_largest[e.j]]
+    inside = [e for e in usable_edges(edges, count) if of_largest[e.i] and of_largest[e.j]]
     if settings.refine == "none" or not inside:
         return Refined(poses, np.full((count, 6, 6), np.nan))
     how = [settings.refine, settings.bundle.model_dump()]

@@ -22,10 +22,10 @@ from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.typing import Pair
 from miniloop_cli.verification.loop_support import Prediction, agree, pose_graph, predict
 
-MANY = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
+MAX_CHECKED_MATCHES = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
 
 
-def vouched(edge: Edge, loops: Prediction, settings: Verification) -> Edge:
+def promote_by_loops(edge: Edge, loops: Prediction, settings: Verification) -> Edge:
     """The edge, a weak one verified if loops over verified edges agree with each other and with its pose."""
     share = edge.inlier_count / max(len(edge.matches), 1)
     if edge.verdict != WEAK or share < settings.min_share or not loops.credible or not agree(loops.T_j_i, edge.T_j_i):
@@ -46,7 +46,7 @@ def solve_edges(
     """
     solved: dict[Pair, Edge] = {}
     room = _room(matches, points, settings, workers)
-    least = settings.verification.rescue_inliers
+    least = settings.verification.min_weak_inliers
     for pair in (pair for pair in matches if room[pair] < least):
         solved[pair] = replace(_unsolved(pair, matches, 2), reason=f"no {least} matches agree in their distances")
     numbers = count()
@@ -71,11 +71,17 @@ def solve_edges(
             for edge in edges:
                 keep(edge)
         done = {cycle for cycle in cycles if len(cycle) == 2} | _verified(solved)
-        if settings.cycles.rescue and longest == settings.cycles.longest > 2:
+        if settings.cycles.loop_support and longest == settings.cycles.longest > 2:
             loops = _verified_loops([pair for pair in left + waiting if pair not in done], solved)
             closed = solve([found.cycle for found in loops.values()], "closing loops")
             for (pair, found), edges in zip(loops.items(), closed, strict=True):
-                keep(next(vouched(edge, found, settings.verification) for edge in edges if (edge.i, edge.j) == pair))
+                keep(
+                    next(
+                        promote_by_loops(edge, found, settings.verification)
+                        for edge in edges
+                        if (edge.i, edge.j) == pair
+                    )
+                )
             # What loops over verified edges do not confirm, shorter cycles and pairs would only find by chance.
             done |= _verified(solved) | {pair for pair, found in loops.items() if found.credible}
         left, waiting = ([pair for pair in pairs if pair not in done] for pairs in (left, waiting))
@@ -95,16 +101,16 @@ def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[
 def _room(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> dict[Pair, float]:
     """How many inliers each pair can have at all: bounds by sets of matches that agree in their distances.
 
-    One of 0 (no `rescue_inliers`, as most pairs that do not overlap), `rescue_inliers`, and infinity (`min_inliers` or
-    more).
+    One of 0 (no `min_weak_inliers`, as most pairs that do not overlap), `min_weak_inliers`, and infinity
+    (`min_inliers` or more).
     """
     if settings.ransac.score == "count":
         return dict.fromkeys(matches, np.inf)
-    few, enough = settings.verification.rescue_inliers, settings.verification.min_inliers
+    few, enough = settings.verification.min_weak_inliers, settings.verification.min_inliers
 
     def room(pair: Pair) -> float:
         rows = matches[pair]
-        if len(rows) > MANY:
+        if len(rows) > MAX_CHECKED_MATCHES:
             return np.inf
         threshold_m = settings.ransac.threshold_m
         for least, bound in ((enough, np.inf), (few, few)):

@@ -15,7 +15,7 @@ from miniloop_cli.scene.edge import Edge
 from miniloop_cli.typing import Bools
 
 MAX_SHARE = 0.5  # of a scan's matches, if there are few others; 0.53 to 1 without texture, else 0.05 to 0.35
-ENOUGH = 20  # other matches in one overlap: then outlines do not decide
+MIN_OTHER_MATCHES = 20  # other matches in one overlap: then outlines do not decide
 
 
 def by_outlines(edges: Sequence[Edge], outline: Sequence[Bools]) -> dict[int, str]:
@@ -32,6 +32,6 @@ def by_outlines(edges: Sequence[Edge], outline: Sequence[Bools]) -> dict[int, st
     share = on / np.maximum(total, 1)
     return {
         int(scan): f"scan {scan}: {100 * share[scan]:.0f} % of its matches lie on outlines, which move with the "
-        f"view, and no overlap has {ENOUGH} others"
-        for scan in np.flatnonzero((share > MAX_SHARE) & (others < ENOUGH))
+        f"view, and no overlap has {MIN_OTHER_MATCHES} others"
+        for scan in np.flatnonzero((share > MAX_SHARE) & (others < MIN_OTHER_MATCHES))
     }

@@ -10,10 +10,10 @@ import numpy as np
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.pose_rows import rows
 from miniloop_cli.scene.edge import REJECTED, Edge, pairs_of
-from miniloop_cli.scene.poses import Poses, residuals, used
+from miniloop_cli.scene.poses import Poses, residuals, usable_edges
 from miniloop_cli.scene.view_graph import bridges, components
-from miniloop_cli.verification.consistency_check import Witness, share
 from miniloop_cli.verification.depth_discontinuities import by_outlines
+from miniloop_cli.verification.photometric_check import PhotometricCheck, agreement_ratio
 from miniloop_cli.verification.triangles import doubtful
 
 # Share of all that the scans of a component see twice that must look alike: else it is not one world. Sound recordings
@@ -21,11 +21,11 @@ from miniloop_cli.verification.triangles import doubtful
 MIN_WORLD = 0.75
 
 
-def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
+def reject_unsupported_bridges(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
     """The edges, those rejected that have fewer than `least` inliers, lie on no loop of used edges, and are not
     confirmed by anything else.
     """
-    inside = used(edges, count)
+    inside = usable_edges(edges, count)
     few = np.array([edge.inlier_count < least and not edge.confirmed for edge in inside], bool)
     pairs = pairs_of(inside)
     loose = {id(inside[k]) for k in np.flatnonzero(few)[bridges(pairs[few], components(count, pairs[~few]))]}
@@ -38,31 +38,33 @@ def confirmed(edges: Sequence[Edge], count: int, least: int) -> list[Edge]:
     return [judge(edge) for edge in edges]
 
 
-def examined(edges: Sequence[Edge], witness: Witness, min_alike: float) -> list[Edge]:
+def check_scans(edges: Sequence[Edge], photometric: PhotometricCheck, min_photo_consistency: float) -> list[Edge]:
     """The edges, those rejected that what their scans show speaks against, and those that it cannot confirm."""
     open_edges = [edge for edge in edges if edge.verdict != REJECTED]
     T = np.array([edge.T_j_i for edge in open_edges]).reshape(-1, 4, 4)
-    outlined = by_outlines(open_edges, witness.outline)
-    alike = dict(zip(map(id, open_edges), share(witness.says([(e.i, e.j) for e in open_edges], T)), strict=True))
+    outlined = by_outlines(open_edges, photometric.outline)
+    alike = dict(
+        zip(map(id, open_edges), agreement_ratio(photometric.votes([(e.i, e.j) for e in open_edges], T)), strict=True)
+    )
 
     def judge(edge: Edge) -> Edge:
         if edge.verdict == REJECTED:
             return edge
-        step = min(witness.step_m[edge.i], witness.step_m[edge.j])
+        step = min(photometric.step_m[edge.i], photometric.step_m[edge.j])
         if step > 0:
             return rejected(edge, f"both scans repeat themselves (every {step:.2f} m): it may be another part")
         if {edge.i, edge.j} & outlined.keys():
             return rejected(edge, outlined.get(edge.i) or outlined[edge.j])
-        if alike[id(edge)] < min_alike:
+        if alike[id(edge)] < min_photo_consistency:
             return rejected(edge, f"only {100 * alike[id(edge)]:.0f} % of what both scans see looks alike")
         return edge
 
     return [judge(edge) for edge in edges]
 
 
-def without_doubtful(edges: Sequence[Edge], count: int, settings: Averaging) -> list[Edge]:
+def reject_unclosed(edges: Sequence[Edge], count: int, settings: Averaging) -> list[Edge]:
     """The edges, those rejected that close hardly any of the loops of three they lie on, where other edges do."""
-    inside = used(edges, count)
+    inside = usable_edges(edges, count)
     if not inside:
         return list(edges)
     pairs, T_j_i = pairs_of(inside), np.array([e.T_j_i for e in inside])
@@ -76,8 +78,8 @@ def rejected(edge: Edge, reason: str) -> Edge:
     return edge if edge.verdict == REJECTED else replace(edge, verdict=REJECTED, reason=reason)
 
 
-def _looked_at(
-    edges: Sequence[Edge], poses: Poses, witness: Witness, min_alike: float, moving: set[int]
+def check_components(
+    edges: Sequence[Edge], poses: Poses, photometric: PhotometricCheck, min_photo_consistency: float, moving: set[int]
 ) -> tuple[list[Edge], set[int]]:
     """The edges, those rejected whose scans, by their poses, lie over others that look different; and what moves.
 
@@ -88,18 +90,18 @@ def _looked_at(
     reason: dict[int, str] = {}
     for component in range(poses.component.max(initial=-1) + 1):
         scans = np.flatnonzero(poses.component == component)
-        pairs, T_j_i = witness.neighbours(poses.T_world_cam, scans)
-        said = witness.says(pairs, T_j_i)
-        if share(said.sum(axis=0)) < MIN_WORLD:
-            part = f"{100 * share(said.sum(axis=0)):.0f} % of what {len(scans)} scans see twice looks alike"
+        pairs, T_j_i = photometric.neighbours(poses.T_world_cam, scans)
+        said = photometric.votes(pairs, T_j_i)
+        if agreement_ratio(said.sum(axis=0)) < MIN_WORLD:
+            part = f"{100 * agreement_ratio(said.sum(axis=0)):.0f} % of what {len(scans)} scans see twice looks alike"
             moving = moving | set(scans.tolist())
             reason |= dict.fromkeys(scans.tolist(), f"only {part}: something moves, or places were confused")
             continue
         of_scan = np.zeros((len(poses.component), 2), np.int64)
         for pair, row in zip(pairs, said, strict=True):
             of_scan[list(pair)] += row
-        for scan in scans[share(of_scan[scans]) < min_alike]:
-            part = f"{100 * share(of_scan[scan]):.0f} % of what it shares with its neighbours looks alike"
+        for scan in scans[agreement_ratio(of_scan[scans]) < min_photo_consistency]:
+            part = f"{100 * agreement_ratio(of_scan[scan]):.0f} % of what it shares with its neighbours looks alike"
             reason[int(scan)] = f"scan {scan}: only {part}"
     rest = set(np.flatnonzero(poses.component >= 0).tolist()) - moving
     if len(moving) > len(rest):
@@ -109,7 +111,7 @@ def _looked_at(
     return judged, moving
 
 
-def _against(edges: Sequence[Edge], poses: Poses, settings: Averaging) -> list[Edge]:
+def reject_residual_outliers(edges: Sequence[Edge], poses: Poses, settings: Averaging) -> list[Edge]:
     """The edges, those rejected that contradict the poses of their component."""
     component = poses.component
 

@@ -24,11 +24,11 @@ from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.typing import Floats
 
 SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
-MIN_WITNESSES = 3
+MIN_SURE_EDGES = 3
 LONGEST = 4  # scans in a cycle of the known-vertical solvers
-LEAST_DEG = 1.0  # no accelerometer is better
-FAR = 4.0  # times the disagreement of sure edges: this is no chance
-BETTER = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
+MIN_SIGMA_DEG = 1.0  # no accelerometer is better
+REJECT_FACTOR = 4.0  # times the disagreement of sure edges: this is no chance
+MAX_AXES_RATIO = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
 
 
 def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
@@ -60,19 +60,19 @@ def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tupl
     """
     known = np.isfinite(up_sensor).all(axis=1)
     sure = [e for e in edges if e.verdict == VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]]
-    if len(sure) < MIN_WITNESSES:
+    if len(sure) < MIN_SURE_EDGES:
         return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
     axes = _axes()
     medians = [float(np.median(disagreement_deg(sure, up_sensor @ M.T))) for M in axes]
     best = int(np.argmin(medians))
-    if medians[0] <= settings.max_median_deg and medians[best] > BETTER * medians[0]:
+    if medians[0] <= settings.max_median_deg and medians[best] > MAX_AXES_RATIO * medians[0]:
         best = 0
     said = f"{medians[best]:.1f} deg from {len(sure)} sure edges (median)"
     if medians[best] > settings.max_median_deg:
         return None, f"gravity is not used: it is {said}, whatever its axes; is the file of this recording?"
     if best:
         said += f", with the sensor's axes as {_named(axes[best])}"
-    return Vertical(up_sensor @ axes[best].T, max(medians[best], LEAST_DEG)), f"gravity is used: {said}"
+    return Vertical(up_sensor @ axes[best].T, max(medians[best], MIN_SIGMA_DEG)), f"gravity is used: {said}"
 
 
 def with_gravity(
@@ -86,8 +86,8 @@ def with_gravity(
 ) -> list[Edge]:
     """The edges, those not verified tried again with the vertical known, and all judged by it.
 
-    Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_alone` inliers
-    they need no loop of edges that confirms them.
+    Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_bridge_inliers`
+    inliers they need no loop of edges that confirms them.
     """
     known = np.isfinite(vertical.up_cam).all(axis=1)
     weak = {(e.i, e.j): e for e in edges if e.verdict != VERIFIED and known[e.i] and known[e.j]}
@@ -106,7 +106,7 @@ def with_gravity(
         open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != VERIFIED}
     edges = [better.get((edge.i, edge.j), edge) for edge in edges]
     off = disagreement_deg(edges, vertical.up_cam)
-    limit = max(settings.gravity.max_deg, FAR * vertical.sigma_deg)
+    limit = max(settings.gravity.max_deg, REJECT_FACTOR * vertical.sigma_deg)
     return [_judged(edge, angle, limit, settings.gravity) for edge, angle in zip(edges, off, strict=True)]
 
 
@@ -117,7 +117,7 @@ def _judged(edge: Edge, angle_deg: float, most_deg: float, settings: Gravity) ->
         return replace(edge, verdict=REJECTED, reason=f"contradicts gravity by {angle_deg:.1f} deg")
     if angle_deg > settings.agree_deg:
         return edge
-    return replace(edge, verdict=VERIFIED, reason="", confirmed=edge.inlier_count >= settings.min_alone)
+    return replace(edge, verdict=VERIFIED, reason="", confirmed=edge.inlier_count >= settings.min_bridge_inliers)
 
 
 def _solve(

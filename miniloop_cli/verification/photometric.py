@@ -25,7 +25,7 @@ ALIKE = 0.5  # correlation of blocks that show the same
 SLACK_M, SLACK = 0.03, 0.03  # by which depths may differ: metres, and share of the depth
 
 
-def agreements(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera) -> list[tuple[int, int]]:
+def compare_views(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera) -> list[tuple[int, int]]:
     """Of each pair of views (i, j): cells of both that speak for and against its T_j_i (m, 4, 4); see `_compare`."""
     lens = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) * (COLUMNS / camera.width)
     found = []

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from miniloop_cli.config import Rough
+from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
@@ -26,7 +26,9 @@ SURE_INLIERS, MIN_SURE, MIN_AGREEING = 20, 5, 0.5
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def rough_pairs(T_world_cam: Floats, points: Sequence[ScanPoints], camera: Camera, settings: Rough) -> list[Pair]:
+def pairs_by_pose_prior(
+    T_world_cam: Floats, points: Sequence[ScanPoints], camera: Camera, settings: PosePrior
+) -> list[Pair]:
     """Pairs (i, j), i < j, that may overlap if the poses (n, 4, 4) are off by no more than the tolerance; sorted.
 
     Frames without a pose (NaN) are compared with all.
@@ -56,7 +58,7 @@ def _widened(camera: Camera, slack_rad: float) -> Camera:
     )
 
 
-def with_rough_poses(edges: Sequence[Edge], T_world_cam: Floats, settings: Rough) -> list[Edge]:
+def reject_by_pose_prior(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> list[Edge]:
     """The edges, those rejected that contradict the rough poses beyond the tolerance, the others confirmed by them.
 
     Raises InputError where most of the edges that are sure by themselves contradict the poses.
@@ -66,13 +68,13 @@ def with_rough_poses(edges: Sequence[Edge], T_world_cam: Floats, settings: Rough
     return [_judged(edge, *row, settings) for edge, row in zip(edges, off, strict=True)]
 
 
-def _judged(edge: Edge, angle_deg: float, distance_m: float, settings: Rough) -> Edge:
+def _judged(edge: Edge, angle_deg: float, distance_m: float, settings: PosePrior) -> Edge:
     if edge.verdict == REJECTED or np.isnan(angle_deg):
         return edge
     if angle_deg > settings.max_deg or distance_m > settings.max_m:
         reason = f"contradicts the rough poses by {angle_deg:.0f} deg, {distance_m:.2f} m"
         return replace(edge, verdict=REJECTED, reason=reason)
-    return replace(edge, confirmed=edge.confirmed or edge.inlier_count >= settings.min_alone)
+    return replace(edge, confirmed=edge.confirmed or edge.inlier_count >= settings.min_bridge_inliers)
 
 
 def _off(edges: Sequence[Edge], T_world_cam: Floats) -> Floats:
@@ -89,7 +91,7 @@ def _off(edges: Sequence[Edge], T_world_cam: Floats) -> Floats:
     return off
 
 
-def _require_agreement(edges: Sequence[Edge], T_world_cam: Floats, settings: Rough) -> None:
+def _require_agreement(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> None:
     """Edges that are sure and move so much that wrong poses would show."""
     sure = [edge for edge in edges if edge.verdict == VERIFIED and edge.inlier_count >= SURE_INLIERS and _tells(edge)]
     share = _agreeing(sure, T_world_cam, settings)
@@ -105,7 +107,7 @@ def _require_agreement(edges: Sequence[Edge], T_world_cam: Floats, settings: Rou
     raise InputError(
         f"the rough poses contradict {100 * (1 - share):.0f} % of {len(sure)} sure edges by more than "
         f"{settings.max_deg:g} deg or {settings.max_m:g} m; {hint}expected are metres, camera to world, camera axes "
-        "x right, y down, z forward (or widen rough.max_deg, rough.max_m)"
+        "x right, y down, z forward (or widen pose_prior.max_deg, pose_prior.max_m)"
     )
 
 
@@ -114,7 +116,7 @@ def _tells(edge: Edge) -> bool:
     return angle > 10 or float(np.linalg.norm(edge.T_j_i[:3, 3])) > 0.3
 
 
-def _agreeing(edges: Sequence[Edge], T_world_cam: Floats, settings: Rough) -> float:
+def _agreeing(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> float:
     off = _off(edges, T_world_cam)
     off = off[np.isfinite(off).all(axis=1)]
     return float((off <= [settings.max_deg, settings.max_m]).all(axis=1).mean()) if len(off) else np.nan

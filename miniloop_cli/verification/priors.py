@@ -11,12 +11,12 @@ from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.scene.priors import Priors
 from miniloop_cli.verification.gravity import checked, with_gravity
-from miniloop_cli.verification.pose_prior import with_rough_poses
+from miniloop_cli.verification.pose_prior import reject_by_pose_prior
 
 LOG = logging.getLogger("miniloop")
 
 
-def judged_by_priors(
+def apply_priors(
     edges: list[Edge],
     priors: Priors,
     matches: Matches,
@@ -39,7 +39,7 @@ def judged_by_priors(
             LOG.info("%s", note)
             edges = with_gravity(edges, vertical, matches, points, settings, seed, workers)
     if priors.T_world_cam is not None:
-        edges = with_rough_poses(edges, priors.T_world_cam, settings.rough)
+        edges = reject_by_pose_prior(edges, priors.T_world_cam, settings.pose_prior)
         against = sum("rough poses" in edge.reason for edge in edges)
         notes.append(f"rough poses are used: {against} edges contradict them")
         LOG.info("%s", notes[-1])

@@ -31,7 +31,7 @@ def steps_m(
     features: Sequence[ScanFeatures], points: Sequence[ScanPoints], width_px: int, settings: Settings, workers: Workers
 ) -> list[float]:
     """`step_m` of every scan; zeros where the settings ask for no such check."""
-    if settings.averaging.min_alike == 0:
+    if settings.averaging.min_photo_consistency == 0:
         return [0.0] * len(features)
 
     def one(scan: int) -> float:

@@ -14,9 +14,11 @@ from miniloop_cli.geometry.pose_rows import compose, invert, load
 from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Bools, Floats, Ints
 
-MOST = 64  # triangles of an edge that are looked at
-ENOUGH = 2  # triangles that make an edge sure, and sure edges that make a scan's others dispensable
-FEW = 6  # one triangle in so many closes by chance; of true edges one in four while half of all edges are false
+MAX_TRIANGLES = 64  # triangles of an edge that are looked at
+MIN_CLOSED_TRIANGLES = 2  # triangles that make an edge sure, and sure edges that make a scan's others dispensable
+CHANCE_RATIO = (
+    6  # one triangle in so many closes by chance; of true edges one in four while half of all edges are false
+)
 ROUNDS = 8
 
 
@@ -24,14 +26,14 @@ def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
     """Edges (m,) bool that close none or few of their triangles, between scans that have sure edges.
 
     Rows (m, 7) and `near` as in voting.py; pairs (m, 2) all different. What is doubted takes its triangles with it,
-    so that this is repeated. Edges that lie on fewer than ENOUGH triangles are not doubted.
+    so that this is repeated. Edges that lie on fewer than MIN_CLOSED_TRIANGLES triangles are not doubted.
     """
     out = np.zeros(len(pairs), bool)
     rows = adjacency(count, pairs)
     for _ in range(ROUNDS):
         closed, asked = _triangles(pairs, T_j_i, *rows, out, near)
-        sure = np.bincount(pairs[closed >= ENOUGH].ravel(), minlength=count) >= ENOUGH
-        more = ~out & (asked >= ENOUGH) & (closed <= asked // FEW) & sure[pairs].all(axis=1)
+        sure = np.bincount(pairs[closed >= MIN_CLOSED_TRIANGLES].ravel(), minlength=count) >= MIN_CLOSED_TRIANGLES
+        more = ~out & (asked >= MIN_CLOSED_TRIANGLES) & (closed <= asked // CHANCE_RATIO) & sure[pairs].all(axis=1)
         if not more.any():
             break
         out |= more
@@ -49,7 +51,7 @@ def _triangles(
             continue
         i, j = pairs[e, 0], pairs[e, 1]
         a, b = start[i], start[j]
-        while a < start[i + 1] and b < start[j + 1] and asked[e] < MOST:
+        while a < start[i + 1] and b < start[j + 1] and asked[e] < MAX_TRIANGLES:
             if neighbour[a] < neighbour[b]:
                 a += 1
             elif neighbour[a] > neighbour[b]:

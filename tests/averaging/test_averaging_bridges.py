@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
 from miniloop_cli.scene.view_graph import bridges, components
-from miniloop_cli.verification.gating import confirmed
+from miniloop_cli.verification.gating import reject_unsupported_bridges
 
 COUNT = 9
 pair = st.tuples(st.integers(0, COUNT - 1), st.integers(0, COUNT - 1)).filter(lambda ends: ends[0] < ends[1])
@@ -28,6 +28,6 @@ def test_a_lone_edge_of_few_inliers_falls_and_one_in_a_loop_stands():
         Edge(i, j, np.zeros((30, 2), int), np.arange(30) < inliers, verdict=VERIFIED)
         for i, j, inliers in ((0, 1, 30), (0, 2, 12), (1, 2, 12), (2, 3, 12), (3, 4, 30))
     ]
-    judged = confirmed(edges, 5, 20)
+    judged = reject_unsupported_bridges(edges, 5, 20)
     assert [edge.verdict == REJECTED for edge in judged] == [False, False, False, True, False]
     assert judged[3].reason == "12 inliers, and no loop confirms it"

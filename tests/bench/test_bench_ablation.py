@@ -12,8 +12,8 @@ from miniloop_cli.api import evaluate, register, simulate
 from miniloop_cli.bench.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
 from miniloop_cli.bench.stages import Seconds, SessionClock, SessionStore, StageClock
 from miniloop_cli.cli.bench import bench
-from miniloop_cli.config import load_settings
 from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
 
 LENS = (0.26, -0.95, 0.0, 0.0, 1.16)

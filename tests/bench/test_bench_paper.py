@@ -12,8 +12,8 @@ from miniloop_cli.bench.minisequences import NEEDED, PAPER_NUMBERS, _summary, dr
 from miniloop_cli.bench.overlaps import overlaps, paper_sequence
 from miniloop_cli.bench.tables import PAPER_CYCLES, RUNS
 from miniloop_cli.cli.bench import bench
-from miniloop_cli.config import load_settings
 from miniloop_cli.errors import InputError
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.registration import RegistrationError
 

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 
 from miniloop_cli.api import simulate
 from miniloop_cli.bench.known_overlaps import read_overlaps, right
-from miniloop_cli.bench.weakloops import FEW, LENGTHS, MANY, STRONG, draw_loops, random_cycle, solve_loop
+from miniloop_cli.bench.weakloops import LENGTHS, MAX_MATCHES, MIN_MATCHES, STRONG, draw_loops, random_cycle, solve_loop
 from miniloop_cli.cli.bench import bench
-from miniloop_cli.config import load_settings
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
 
 
@@ -62,11 +62,11 @@ def test_loops_are_as_weak_as_asked(overlaps, partners, rng):
     for loop in loops:
         assert loop.cycles.keys() == set(LENGTHS)
         kept = {tuple(row) for row in loop.matches[loop.pair]}
-        assert FEW <= len(kept) <= MANY and kept < {tuple(row) for row in overlaps.matches[loop.pair]}
+        assert MIN_MATCHES <= len(kept) <= MAX_MATCHES and kept < {tuple(row) for row in overlaps.matches[loop.pair]}
         for cycle in loop.cycles.values():
             for pair in pairwise(cycle):
                 count = len(loop.matches[min(pair), max(pair)])
-                assert count >= STRONG if partners == "strong" else FEW <= count <= MANY
+                assert count >= STRONG if partners == "strong" else MIN_MATCHES <= count <= MAX_MATCHES
 
 
 def test_solved_edges_are_those_asked_for(overlaps, rng):
@@ -100,7 +100,11 @@ def test_rows_do_not_depend_on_jobs(folder, tmp_path):
 
     rows = run(1)
     assert run(2) == rows
-    whole = [r for r in rows if (r["weak"], r["partners"], r["matches"]) == ("thinned", "strong", f"{FEW}-{MANY}")]
+    whole = [
+        r
+        for r in rows
+        if (r["weak"], r["partners"], r["matches"]) == ("thinned", "strong", f"{MIN_MATCHES}-{MAX_MATCHES}")
+    ]
     assert [row["edges"] for row in whole] == [6] * 6 and whole[1]["solver"] == "cycle3"
     with (tmp_path / "weakloops.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(rows)

@@ -5,7 +5,7 @@ import sys
 
 from command_line import environment
 
-from miniloop_cli.warmup import compile_ahead, compiled, rehearse
+from miniloop_cli.warmup import compile_in_background, compiled, warm_up
 
 
 def test_an_empty_cache_is_seen(tmp_path):
@@ -21,7 +21,7 @@ def test_an_empty_cache_is_seen(tmp_path):
 
 
 def test_a_rehearsal_compiles_what_a_run_looks_for():
-    rehearse()
+    warm_up()
     assert compiled()
-    compile_ahead.cache_clear()
-    assert compile_ahead() is None, "nothing is started where all is compiled"
+    compile_in_background.cache_clear()
+    assert compile_in_background() is None, "nothing is started where all is compiled"

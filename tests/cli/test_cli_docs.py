@@ -15,8 +15,8 @@ import miniloop_cli.datasets
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.cli.main import cli
 from miniloop_cli.cli.register import FEATURES
-from miniloop_cli.config import keys
 from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.presets import keys
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 

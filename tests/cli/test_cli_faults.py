@@ -135,7 +135,7 @@ def test_a_helper_that_dies_is_not_missed(registered, recording, tmp_path):
     script = (
         "import miniloop_cli.warmup as ahead, os, signal, sys\n"
         "ahead.compiled = lambda: False\n"
-        "helper = ahead.compile_ahead()\n"
+        "helper = ahead.compile_in_background()\n"
         "os.kill(helper.pid, signal.SIGKILL)\n"
         "assert helper.wait() == -signal.SIGKILL\n"
         "from miniloop_cli.cli.main import main\n"

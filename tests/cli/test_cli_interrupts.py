@@ -130,14 +130,14 @@ def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, numbe
     body = f"""
         import os, signal, sys, threading
         from miniloop_cli.export.mesh import import_open3d
-        from miniloop_cli.runtime.signals import heed_interrupts, interrupts_are_over
-        heed_interrupts()
+        from miniloop_cli.runtime.signals import install_handlers, stop_repeating
+        install_handlers()
         threading.Timer(0.02, os.kill, (os.getpid(), {int(number)})).start()
         try:
             import_open3d()
             threading.Event().wait(20)
         except KeyboardInterrupt:
-            interrupts_are_over()
+            stop_repeating()
             sys.exit(130 if "open3d" in sys.modules else 2)
     """
     done = subprocess.run(

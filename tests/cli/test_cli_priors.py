@@ -1,4 +1,4 @@
-"""`register --gravity` and `--init` from end to end, on scans that overlap so little that pieces fall apart."""
+"""`register --gravity` and `--pose-prior` from end to end, on scans that overlap so little that pieces fall apart."""
 
 import json
 
@@ -77,7 +77,7 @@ def rough(weak, tmp_path, T_cam_new=None):
 
 def test_rough_poses_keep_scans_that_would_be_lost(weak, registered, tmp_path):
     free, _ = registered()
-    helped, error_m = registered("--init", rough(weak, tmp_path))
+    helped, error_m = registered("--pose-prior", rough(weak, tmp_path))
     assert free["registered"] + 3 <= helped["registered"] < helped["frames"]  # what images do not join stays out
     assert error_m < 0.05
     assert sum(helped["verdicts"].values()) <= sum(free["verdicts"].values())
@@ -86,12 +86,12 @@ def test_rough_poses_keep_scans_that_would_be_lost(weak, registered, tmp_path):
 
 def test_rough_poses_in_other_axes_are_refused(weak, tmp_path):
     path = rough(weak, tmp_path, np.diag([1.0, -1.0, -1.0, 1.0]))
-    done = launch("register", weak, "-o", tmp_path / "out", "--init", path, "-q")
+    done = launch("register", weak, "-o", tmp_path / "out", "--pose-prior", path, "-q")
     assert done.returncode == 1
     assert "they would agree as camera axes x right, y up, z backward" in done.stderr
 
 
-@pytest.mark.parametrize("option", ["--gravity", "--init"])
+@pytest.mark.parametrize("option", ["--gravity", "--pose-prior"])
 def test_files_that_do_not_fit(weak, tmp_path, option):
     done = launch("register", weak, "-o", tmp_path / "out", option, tmp_path / "none.txt")
     assert done.returncode == 1

@@ -9,8 +9,8 @@ from command_line import FRAMES, environment
 
 import miniloop_cli
 from miniloop_cli.api import evaluate, register, simulate
-from miniloop_cli.config import load_settings
 from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.presets import load_settings
 from miniloop_cli.scene.registration import RegistrationError
 
 

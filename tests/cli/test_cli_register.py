@@ -96,7 +96,7 @@ def test_another_averaging_setting_repeats_averaging_only(registered, recording,
 
     for made in (
         "refinement.joint.refine",
-        "pipeline.second_round",
+        "pipeline.match_guided",
         "pipeline.solve_edges",
         "results.write.fuse_cloud",
     ):

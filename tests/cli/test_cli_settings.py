@@ -6,7 +6,8 @@ import pytest
 import yaml
 from command_line import invoke, launch
 
-from miniloop_cli.config import PRESETS, Settings, keys, load_settings
+from miniloop_cli.config import Settings
+from miniloop_cli.presets import PRESETS, keys, load_settings
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from miniloop_cli.config import load_settings
 from miniloop_cli.datasets.intrinsics import load_camera
 from miniloop_cli.errors import ConfigError, MiniloopError
+from miniloop_cli.presets import load_settings
 
 TEXTS = {
     "nested": "fx: " + "[" * 3000,

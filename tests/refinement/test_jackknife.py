@@ -6,7 +6,7 @@ import numpy as np
 from refinement_scenes import CAMERA, errors, perturbed, scene
 
 from miniloop_cli.refinement.bundle import BundleSettings, bundle_adjust
-from miniloop_cli.refinement.jackknife import PARTS, image_part, left_shares
+from miniloop_cli.refinement.jackknife import PARTS, image_part, remaining_fraction
 
 PLAIN = BundleSettings(fixed_frame=0, kernel="none", relative_tolerance=1e-12, max_iterations=100)
 
@@ -14,10 +14,10 @@ PLAIN = BundleSettings(fixed_frame=0, kernel="none", relative_tolerance=1e-12, m
 def test_parts_of_the_image():
     px = np.array([[0.0, 0], [639, 0], [320, 240], [0, 479], [639, 479], [-30, 700], [213, 159], [214, 161]])
     np.testing.assert_array_equal(image_part(px, CAMERA), [0, 2, 4, 6, 8, 6, 0, 4])
-    left = left_shares(np.array([0, 0, 0, 8]))
+    left = remaining_fraction(np.array([0, 0, 0, 8]))
     assert left.shape == (PARTS,)
     np.testing.assert_allclose(left, [0.25, 1, 1, 1, 1, 1, 1, 1, 0.75])
-    np.testing.assert_array_equal(left_shares(np.zeros(0, int)), np.ones(PARTS))
+    np.testing.assert_array_equal(remaining_fraction(np.zeros(0, int)), np.ones(PARTS))
 
 
 def test_variances_are_those_of_fits_without_each_part():
@@ -27,7 +27,7 @@ def test_variances_are_those_of_fits_without_each_part():
     found = bundle_adjust(perturbed(S.T, rng, 0.2, 0.01), *S.observations, CAMERA, PLAIN)
     part = image_part(S.px, CAMERA)
     variance = np.zeros((6, 6))
-    for number, left in enumerate(left_shares(part)):
+    for number, left in enumerate(remaining_fraction(part)):
         kept = part != number
         without = bundle_adjust(
             found.T_world_cam, *(a[kept] for a in S.observations), CAMERA, replace(PLAIN, covariance=False)

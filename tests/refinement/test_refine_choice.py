@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from miniloop_cli.config import load_settings
+from miniloop_cli.presets import load_settings
 from miniloop_cli.refinement import joint as module
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, Edge

@@ -10,7 +10,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.refinement import rolling_shutter as calibration
 from miniloop_cli.refinement.bundle import BundleSettings
-from miniloop_cli.refinement.frame_velocity import felt_twists, twists
+from miniloop_cli.refinement.frame_velocity import estimate_velocities, twists
 from miniloop_cli.refinement.joint import SHARP
 from miniloop_cli.refinement.rolling_shutter import ASSUMED, NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.timing import Measurements, camera_depths, corrected, flow
@@ -250,7 +250,7 @@ def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
     path = moving.path_twists(truth)
     px, z_m = corrected(measured, moving.flow(measured, truth, path), timing, CAMERA)
     settled = adjust(truth, measured, CAMERA, rough, 1, px, z_m)
-    found, _ = felt_twists(path, path, measured, settled, timing, CAMERA, rough)
+    found, _ = estimate_velocities(path, path, measured, settled, timing, CAMERA, rough)
     assert np.linalg.norm(found[1] - w_true, axis=1).mean() < 0.7 * np.linalg.norm(path[1] - w_true, axis=1).mean()
 
 
@@ -278,7 +278,7 @@ def test_frames_that_see_too_little_keep_the_motion_of_the_path():
     path, timing = moving.path_twists(T), Timing(0.025, -0.016)
     rough = BundleSettings(relative_tolerance=1e-3, covariance=False)
     settled = adjust(T, few, CAMERA, rough, 1, *corrected(few, moving.flow(few, T, path), timing, CAMERA))
-    (v, w), unsure = felt_twists(path, path, few, settled, timing, CAMERA, rough)
+    (v, w), unsure = estimate_velocities(path, path, few, settled, timing, CAMERA, rough)
     assert not unsure[7].any()
     assert np.linalg.eigvalsh(unsure[8]).min() > -1e-12 < unsure[8].trace()
     assert np.array_equal(v[7], path[0][7])

@@ -14,7 +14,7 @@ WORKERS = Workers(1)
 
 
 def test_lists_of_pairs():
-    settings = Matching(neighbours=2)
+    settings = Matching(sequential_window=2)
     assert len(listed_pairs(10, "exhaustive", settings)) == len(listed_pairs(10, "auto", settings)) == 45
     assert listed_pairs(4, "sequential", settings) == [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
 
@@ -60,4 +60,4 @@ def test_matches_that_do_not_agree_in_their_distances_are_no_overlap():
     assert len(match_quickly(features, points[:2], pair, Matching(), 0.64, WORKERS)[0, 1]) == 30
     elsewhere = [points[0], points[2]]  # the same looks, other places
     assert not match_quickly(features, elsewhere, pair, Matching(), 0.64, WORKERS)
-    assert len(match_quickly(features, elsewhere, pair, Matching(min_agreeing=0), 0.64, WORKERS)[0, 1]) == 30
+    assert len(match_quickly(features, elsewhere, pair, Matching(min_distance_consistent=0), 0.64, WORKERS)[0, 1]) == 30

@@ -13,7 +13,7 @@ from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.points import scan_points
 from miniloop_cli.scene.poses import Poses
-from miniloop_cli.stages.guided_matching import replaced, second_round
+from miniloop_cli.stages.guided_matching import match_guided, replace_edges
 
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
 
@@ -54,8 +54,8 @@ def failed(i, j):
 def again(edges, T_world_cam, scans, component=(0, 0, 0, 0)):
     features, points, _ = scans
     poses = Poses(T_world_cam, np.array(component))
-    found = second_round(edges, poses, features, points, CAMERA, Settings(), Workers(1))
-    return {(e.i, e.j): e for e in replaced(edges, found)}
+    found = match_guided(edges, poses, features, points, CAMERA, Settings(), Workers(1))
+    return {(e.i, e.j): e for e in replace_edges(edges, found)}
 
 
 def test_failed_and_missing_pairs_are_verified_by_right_poses(scans):

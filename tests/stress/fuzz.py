@@ -156,12 +156,13 @@ def recording_and_result(folder: Path) -> tuple[Path, Path]:
 
 def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
-    from miniloop_cli.config import Matching, load_settings
+    from miniloop_cli.config import Matching
     from miniloop_cli.datasets import open_sequence, read_ground_truth
     from miniloop_cli.datasets.images import read_color, read_depth, read_header, read_mask
     from miniloop_cli.datasets.intrinsics import load_camera
     from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.datasets.trajectory import read_trajectory
+    from miniloop_cli.presets import load_settings
     from miniloop_cli.results.folder import read_edge_list
     from miniloop_cli.stages.match import listed_pairs
 
@@ -197,7 +198,7 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
     gravity = "\n".join(["# timestamp ax ay az", *(f"{stamp} 0.1 -9.8 0.3" for stamp in stamps)]).encode()
     return {
         "gravity": Target([gravity], file(lambda path: read_priors(sequence, gravity=path))),
-        "init": Target([poses], file(lambda path: read_priors(sequence, poses=path))),
+        "pose_prior": Target([poses], file(lambda path: read_priors(sequence, poses=path))),
         "pairs": Target(lists, file(lambda path: listed_pairs(5, str(path), Matching()))),
         "edge list": Target(lists, file(lambda path: read_edge_list(path, np.arange(5.0)))),
         "mask": Target(images, file(read_mask)),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from miniloop_cli.scene.edge import Edge
-from miniloop_cli.verification.depth_discontinuities import ENOUGH, by_outlines
+from miniloop_cli.verification.depth_discontinuities import MIN_OTHER_MATCHES, by_outlines
 
 FEATURES = 100
 OUTLINE = np.arange(FEATURES) < 50  # of every scan: the first half
@@ -23,7 +23,7 @@ def test_scans_whose_matches_lie_on_outlines_are_named_with_the_share():
 
 
 def test_enough_matches_elsewhere_in_one_overlap_clear_both_scans():
-    edges = [edge(0, 1, 40, ENOUGH), edge(1, 2, 12, 6), edge(3, 4, 3, 12)]
+    edges = [edge(0, 1, 40, MIN_OTHER_MATCHES), edge(1, 2, 12, 6), edge(3, 4, 3, 12)]
     assert set(by_outlines(edges, [OUTLINE] * 5)) == {2}
 
 

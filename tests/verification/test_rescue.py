@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.config import Verification, load_settings
+from miniloop_cli.config import Verification
 from miniloop_cli.geometry import se3
+from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.stages.solve_edges import solve_edges, vouched
+from miniloop_cli.stages.solve_edges import promote_by_loops, solve_edges
 from miniloop_cli.verification.loop_support import AGREE_DEG, AGREE_M, Prediction, agree, pose_graph, predict
 
 
@@ -66,7 +67,7 @@ def test_agreement_has_limits():
 def test_only_weak_edges_that_agree_are_vouched_for(inliers, verdict, agreeing, off_m, expected):
     edge = Edge(0, 1, np.zeros((20, 2), int), np.arange(20) < inliers, verdict=verdict, reason="few inliers")
     loops = Prediction((0, 2, 1), se3.pose(np.eye(3), np.array([off_m, 0, 0])), 2, agreeing)
-    found = vouched(edge, loops, Verification())
+    found = promote_by_loops(edge, loops, Verification())
     assert found.verdict == expected
     assert found.reason == ("few inliers; 3 loops over verified edges agree" if expected == VERIFIED else "few inliers")
 
@@ -102,7 +103,7 @@ def test_seven_true_matches_are_enough_where_loops_agree(seed):
         edges = solve_edges(matches, points, load_settings(overrides=overrides), 0, Workers(1))
         return next(e for e in edges if (e.i, e.j) == (0, 1))
 
-    assert edge("cycles.rescue=false").verdict != VERIFIED
+    assert edge("cycles.loop_support=false").verdict != VERIFIED
     found = edge()
     assert found.verdict == VERIFIED and found.reason == "7 inliers of 20 matches; 3 loops over verified edges agree"
     E = se3.inverse(found.T_j_i) @ relative(T, 0, 1)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.config import Rough
+from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.verification.pose_prior import OPENGL, rough_pairs, with_rough_poses
+from miniloop_cli.verification.pose_prior import OPENGL, pairs_by_pose_prior, reject_by_pose_prior
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0)
 SCANS = 24
@@ -33,11 +33,11 @@ def turn(rng):
 
 def test_pairs_that_may_overlap(turn):
     T, points, _ = turn
-    pairs = rough_pairs(T, points, CAMERA, Rough(max_deg=5, max_m=0.1))
+    pairs = pairs_by_pose_prior(T, points, CAMERA, PosePrior(max_deg=5, max_m=0.1))
     steps = {min(j - i, SCANS - j + i) for i, j in pairs}
     assert steps == set(range(1, max(steps) + 1))  # the turn closes: the last sees what the first saw
     assert 4 <= max(steps) <= 6  # 15 degrees a step, 63 degrees of view
-    wide = rough_pairs(T, points, CAMERA, Rough(max_deg=25, max_m=0.1))
+    wide = pairs_by_pose_prior(T, points, CAMERA, PosePrior(max_deg=25, max_m=0.1))
     assert set(pairs) < set(wide)
     assert len(wide) < SCANS * (SCANS - 1) / 2
 
@@ -46,7 +46,7 @@ def test_a_frame_without_a_pose_is_compared_with_all(turn):
     T, points, _ = turn
     T = T.copy()
     T[5] = np.nan
-    pairs = rough_pairs(T, points, CAMERA, Rough())
+    pairs = pairs_by_pose_prior(T, points, CAMERA, PosePrior())
     assert sum(5 in pair for pair in pairs) == SCANS - 1
 
 
@@ -55,7 +55,7 @@ def test_edges_are_judged(turn):
     shift = se3.pose(np.eye(3), np.array([0.8, 0, 0]))
     edges[0] = Edge(**{**edges[0].__dict__, "T_j_i": shift @ edges[0].T_j_i})
     edges[1] = Edge(**{**edges[1].__dict__, "inliers": np.arange(30) < 7})
-    judged = with_rough_poses(edges, T, Rough())
+    judged = reject_by_pose_prior(edges, T, PosePrior())
     assert judged[0].verdict == REJECTED
     assert judged[0].reason == "contradicts the rough poses by 0 deg, 0.80 m"
     assert all(edge.verdict == VERIFIED for edge in judged[1:])
@@ -65,7 +65,7 @@ def test_edges_are_judged(turn):
 def test_another_world_is_as_good(turn, rng):
     T, _, edges = turn
     moved = se3.pose(se3.exp_so3(np.array([1.0, 2.0, 0.5])), np.array([10.0, -5, 3])) @ T
-    assert all(edge.verdict == VERIFIED for edge in with_rough_poses(edges, moved, Rough()))
+    assert all(edge.verdict == VERIFIED for edge in reject_by_pose_prior(edges, moved, PosePrior()))
 
 
 @pytest.mark.parametrize(
@@ -80,4 +80,4 @@ def test_another_world_is_as_good(turn, rng):
 def test_other_conventions_are_recognised(turn, given, said):
     T, _, edges = turn
     with pytest.raises(InputError, match=said):
-        with_rough_poses(edges, given(T), Rough(max_deg=5, max_m=0.2))
+        reject_by_pose_prior(edges, given(T), PosePrior(max_deg=5, max_m=0.2))

@@ -9,8 +9,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from miniloop_cli.bench.false_edges import TrueGraph
-from miniloop_cli.bench.outliers import Solution, Solve
+from miniloop_cli.bench.false_edges import Solution, Solve, TrueGraph
 from miniloop_cli.bench.peers.averaging import pycolmap_rotations
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError

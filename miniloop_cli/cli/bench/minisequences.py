@@ -51,7 +51,7 @@ def bench_minisequences(
     Example:   miniloop bench minisequences path/to/freiburg1_xyz --config default
     """
     from miniloop_cli.bench.minisequences import COLUMNS, draw, minisequence_rows
-    from miniloop_cli.config import load_settings
+    from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.parallel import Workers
 
     rows = []

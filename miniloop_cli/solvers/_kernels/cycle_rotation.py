@@ -14,7 +14,7 @@ EDGES = 5
 
 
 @njit(**OPTIONS)
-def read_from(start: int, p: Floats, q: Floats, new_p: Floats, new_q: Floats) -> None:
+def rotated_matches(start: int, p: Floats, q: Floats, new_p: Floats, new_q: Floats) -> None:
     """The matches p, q (10, 3) in the order and direction in which a cycle starting at scan `start` has them."""
     for edge in range(EDGES):
         old = (edge + start) % EDGES
@@ -28,7 +28,7 @@ def read_from(start: int, p: Floats, q: Floats, new_p: Floats, new_q: Floats) ->
 
 
 @njit(**OPTIONS)
-def write_back(start: int, new_T: Floats, T: Floats, s: int) -> None:
+def poses_from_rotated(start: int, new_T: Floats, T: Floats, s: int) -> None:
     """Poses T[s] (4, 3, 4) of the chain from scan 0 from new_T[s] of the chain that starts at scan `start`, 1 to 4."""
     missing = start - 1
     for old in range(EDGES - 1):

@@ -25,7 +25,7 @@ def xy(points: Floats, i: int) -> complex:
 
 
 @njit(**OPTIONS)
-def rise(p: Floats, q: Floats, i: int) -> float:
+def height_change(p: Floats, q: Floats, i: int) -> float:
     """How much match i says z grows from p to q."""
     return q[i, 2] - p[i, 2]
 

@@ -14,14 +14,14 @@ from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerpri
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.thumbnail import View
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
-from miniloop_cli.verification.photometric import agreements
+from miniloop_cli.verification.photometric import compare_views
 
-PARTNERS = 5  # scans that each scan of a result is compared with
-BEFOREHAND = 10  # cells that are taken to look alike before any is seen: without cells nothing is said
+COMPARED_PARTNERS = 5  # scans that each scan of a result is compared with
+PRIOR_CELLS = 10  # cells that are taken to look alike before any is seen: without cells nothing is said
 
 
 @dataclass(frozen=True)
-class Witness:
+class PhotometricCheck:
     """Pictures of the scans, their points and camera.
 
     `outline`: which features of each scan lie on outlines; `step_m` (n,): repetition of each (m), 0 if there is none.
@@ -37,7 +37,7 @@ class Witness:
     key: str = ""
     _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before
 
-    def says(self, pairs: Sequence[Pair], T_j_i: Floats) -> Ints:
+    def votes(self, pairs: Sequence[Pair], T_j_i: Floats) -> Ints:
         """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
         questions = [(pair, T.tobytes()) for pair, T in zip(pairs, T_j_i, strict=True)]
         new = [k for k, question in enumerate(questions) if question not in self._said]
@@ -52,7 +52,7 @@ class Witness:
 
         def said() -> Arrays:
             views = ((self.views[i], self.views[j]) for i, j in pairs)
-            return {"said": np.array(agreements(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
+            return {"said": np.array(compare_views(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
 
         key = fingerprint("alike", self.key, content_fingerprint([pairs, T_j_i]))
         kept = self.store.kept("alike", key, said) if self.store and len(pairs) else said()
@@ -60,11 +60,11 @@ class Witness:
 
     def neighbours(self, T_world_cam: Floats, scans: Ints) -> tuple[list[Pair], Floats]:
         """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
-        pairs = partners(T_world_cam, scans, self.points, self.camera, PARTNERS)
+        pairs = partners(T_world_cam, scans, self.points, self.camera, COMPARED_PARTNERS)
         i, j = np.array(pairs, np.int64).reshape(-1, 2).T
         return pairs, se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 
-def share(said: Ints) -> Floats:
-    """(..., 2) cells for and against to the share (...) that is for, BEFOREHAND among them; 1 where there are none."""
-    return (said[..., 0] + BEFOREHAND) / (said.sum(axis=-1) + BEFOREHAND)
+def agreement_ratio(said: Ints) -> Floats:
+    """(..., 2) cells for and against to the share (...) that is for, PRIOR_CELLS among them; 1 where there are none."""
+    return (said[..., 0] + PRIOR_CELLS) / (said.sum(axis=-1) + PRIOR_CELLS)

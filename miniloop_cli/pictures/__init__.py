@@ -1,1 +1,0 @@
-"""Pictures of scans and of the model, as the report shows them."""
