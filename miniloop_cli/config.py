@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -163,6 +163,17 @@ class Cloud(Section):
     stride_px: int = Field(4, ge=1, description="Every so manieth pixel of a scan enters the model.")
 
 
+class Estimation(NamedTuple):
+    """The sections that estimate and judge single edges."""
+
+    ransac: Ransac
+    verification: Verification
+    cycles: Cycles
+
+
+Refinement = Literal["none", "posegraph", "bundle"]
+
+
 class Settings(Section):
     """All settings of `miniloop register`."""
 
@@ -175,6 +186,11 @@ class Settings(Section):
     gravity: Gravity = Gravity()
     pose_prior: PosePrior = PosePrior()
     averaging: Averaging = Averaging()
-    refine: Literal["none", "posegraph", "bundle"] = Field("bundle", description="Joint refinement of all poses.")
+    refine: Refinement = Field("bundle", description="Joint refinement of all poses.")
     bundle: Bundle = Bundle()
     cloud: Cloud = Cloud()
+
+    @property
+    def estimation(self) -> Estimation:
+        """What solves and judges edges."""
+        return Estimation(self.ransac, self.verification, self.cycles)

@@ -47,14 +47,15 @@ def warm_up() -> None:
     from miniloop_cli.geometry import se3
     from miniloop_cli.geometry.camera import Camera
     from miniloop_cli.refinement.inputs import Scans
-    from miniloop_cli.refinement.joint import refine
+    from miniloop_cli.refinement.joint import refine_jointly
     from miniloop_cli.runtime.parallel import Workers
-    from miniloop_cli.scene.edge import VERIFIED, Edge
+    from miniloop_cli.scene.edge import Edge, EdgeTable
     from miniloop_cli.scene.features import ScanFeatures
     from miniloop_cli.scene.points import scan_points
     from miniloop_cli.scene.poses import Poses
-    from miniloop_cli.stages.average import average
-    from miniloop_cli.stages.solve_edges import solve_edges
+    from miniloop_cli.scene.verdict import Verdict
+    from miniloop_cli.stages.solve_edges import solve_cycles
+    from miniloop_cli.verification.consensus import average_verified
 
     rng, settings, workers = np.random.default_rng(0), Settings(), Workers(1)
     camera = Camera(500.0, 500.0, 319.5, 239.5, 640, 480)
@@ -69,18 +70,18 @@ def warm_up() -> None:
         features.append(ScanFeatures(px, px, p_cam[:, 2].copy(), np.zeros((POINTS, 2)), np.zeros(POINTS, bool), look))
     points = [scan_points(found, camera) for found in features]
     same = np.repeat(np.arange(POINTS)[:, None], 2, axis=1)
-    edges = [
+    edges = EdgeTable.of([
         Edge(i, j, same, np.ones(POINTS, bool), se3.inverse(T_world_cam[j]) @ T_world_cam[i],
-             1e6 * np.eye(6), 1e-6 * np.eye(6), verdict=VERIFIED)
+             1e6 * np.eye(6), 1e-6 * np.eye(6), verdict=Verdict.VERIFIED)
         for i, j in combinations(range(SCANS), 2)
-    ]  # fmt: skip
+    ])  # fmt: skip
     stamps_s = np.arange(SCANS) / 30
-    scans = Scans(features, points, stamps_s, stamps_s + 0.01, camera)
-    refine(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings, workers)
-    average(edges, SCANS, settings.averaging)
+    scans = Scans(features, points, stamps_s, stamps_s + 0.01, camera, settings.features.type)
+    refine_jointly(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings.refine, settings.bundle, workers)
+    average_verified(edges, SCANS, settings.averaging)
     for count in (3, 2, 4, 5):  # a run comes to five first
         ring = {tuple(sorted((k, (k + 1) % count))): same for k in range(count)}
-        solve_edges(ring, points, settings, 0, workers)
+        solve_cycles(ring, points, settings.estimation, 0, workers)
 
 
 if __name__ == "__main__":

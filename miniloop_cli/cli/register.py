@@ -146,7 +146,7 @@ def print_summary(run: Registration, folder: Path) -> None:
     import numpy as np
 
     from miniloop_cli.results.assessment import runs
-    from miniloop_cli.results.tables import reason
+    from miniloop_cli.results.tables import frame_status
     from miniloop_cli.results.write import summary
 
     numbers, seconds = summary(run), run.timings_s
@@ -166,7 +166,7 @@ def print_summary(run: Registration, folder: Path) -> None:
     reasons: dict[str, list[int]] = {}
     for index in range(numbers["frames"]):
         if run.poses.component[index] != 0:
-            reasons.setdefault(reason(run, index), []).append(index)
+            reasons.setdefault(frame_status(run, index)[1], []).append(index)
     for why, frames in sorted(reasons.items(), key=lambda item: (-len(item[1]), item[1]))[:MOST_REASONS]:
         named = f"frame{'s' * (len(frames) > 1)} {runs(np.array(frames))}"
         # What cannot be read names its frame itself.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Bundle
 from miniloop_cli.features.detect import compact
 from miniloop_cli.features.lsh_match import squared_distance
 from miniloop_cli.geometry import se3
@@ -29,20 +29,20 @@ def guided_matches(
     pairs: Sequence[tuple[int, int]],
     T_j_i: Floats,
     features: Sequence[ScanFeatures],
+    feature_type: str,
     camera: Camera,
-    radius_px: float,
-    settings: Settings,
+    settings: Bundle,
     workers: Workers,
 ) -> list[Ints]:
     """Matches of each pair (i, j) where its relative pose T_j_i (m, 4, 4) says they must be, as `guided_match`."""
     named = {k for pair in pairs for k in pair}
-    small = {k: compact(features[k].descriptors, settings.features.type) for k in named}
+    small = {k: compact(features[k].descriptors, feature_type) for k in named}
     ready = {k: searchable(features[k], small[k][0], camera) for k in named}
 
     def one(item: tuple[tuple[int, int], Floats]) -> Ints:
         (i, j), T = item
-        max_distance2 = settings.bundle.max_distance2 * small[i][1]
-        return guided_match(ready[i], ready[j], T, camera, radius_px, max_distance2)
+        max_distance2 = settings.max_distance2 * small[i][1]
+        return guided_match(ready[i], ready[j], T, camera, settings.radius_px, max_distance2)
 
     return list(workers.map(one, list(zip(pairs, T_j_i, strict=True)), "matching, guided", len(pairs)))
 

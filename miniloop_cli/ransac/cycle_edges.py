@@ -14,8 +14,9 @@ from miniloop_cli.graph.edge_pool import Cycle
 from miniloop_cli.ransac.estimate import EdgeEstimate
 from miniloop_cli.ransac.matches import EdgeMatches, edge_matches
 from miniloop_cli.ransac.search import SOLVERS
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Pair
 
 
@@ -23,9 +24,9 @@ def judge(edge: Edge, settings: Verification) -> Edge:
     """The edge with its verdict, from its inliers alone."""
     inliers, share = edge.inlier_count, edge.inlier_count / max(len(edge.matches), 1)
     if inliers >= settings.min_inliers and share >= settings.min_share:
-        return replace(edge, verdict=VERIFIED, reason="")
-    reason = f"{inliers} inliers of {len(edge.matches)} matches"
-    return replace(edge, verdict=WEAK if inliers >= settings.min_weak_inliers else REJECTED, reason=reason)
+        return replace(edge, verdict=Verdict.VERIFIED, rejection=Rejection.NONE)
+    verdict = Verdict.WEAK if inliers >= settings.min_weak_inliers else Verdict.REJECTED
+    return replace(edge, verdict=verdict, rejection=Rejection.FEW_INLIERS, detail=(inliers, len(edge.matches)))
 
 
 def weakest_last(cycle: Cycle, matches: Matches) -> Cycle:
@@ -53,10 +54,11 @@ def directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> Edge
     return found if pair[0] < pair[1] else found.reversed
 
 
-def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
+def unsolved_edge(pair: Pair, matches: Matches, scans: int) -> Edge:
+    """A pair for which the solver of so many scans found no hypothesis, rejected for that."""
     i, j = in_order(pair)
-    rows, reason = matches[i, j], "no hypothesis fits the matches"
-    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name, reason=reason)
+    rows = matches[i, j]
+    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name)
 
 
 def judged_edge(

@@ -22,6 +22,7 @@ class Scans:
     stamps_s: Floats
     depth_stamps_s: Floats
     camera: Camera
+    feature_type: str
 
 
 @dataclass(frozen=True)

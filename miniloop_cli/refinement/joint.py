@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
@@ -21,7 +21,7 @@ from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adj
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import Edge, pairs_of
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
@@ -32,59 +32,60 @@ MIN_SHARED = 10  # tracks that tie two scans to each other
 SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-3)
 
 
-def refine(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined:
-    """Refined poses of the largest component, by the method of the settings, from the edges used inside of it."""
-    if settings.refine == "bundle":
-        if len(poses.registered) <= settings.bundle.max_scans:
+def refine_jointly(
+    poses: Poses, inside: EdgeTable, scans: Scans, method: Refinement, settings: Bundle, workers: Workers
+) -> Refined:
+    """Refined poses of the largest component, by the method, from the edges used inside of it."""
+    if method == "bundle":
+        if len(poses.registered) <= settings.max_scans:
             bundled = _bundle(poses, inside, scans, settings, workers)
             if bundled:
                 return bundled
         else:
             LOG.warning(
                 "more than %d scans (bundle.max_scans): the pose graph is refined, without bundle adjustment",
-                settings.bundle.max_scans,
+                settings.max_scans,
             )
     return _over_edges(poses, inside)
 
 
-def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:
+def _over_edges(poses: Poses, inside: EdgeTable) -> Refined:
     """Pose graph of the edges."""
     result = refine_pose_graph(
         poses.T_world_cam,
-        pairs_of(inside),
-        np.array([e.T_j_i for e in inside]),
-        np.array([e.information for e in inside]),
+        inside.pairs,
+        inside.T_j_i,
+        inside.information,
     )
     return Refined(Poses(result.T_world_cam, poses.component), result.covariance)
 
 
-def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined | None:
+def _bundle(poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, workers: Workers) -> Refined | None:
     """Bundle adjustment of the edges' tracks, then of guided tracks, then with the timing undone.
 
     Where scans lie so far apart that hardly a point is seen three times, tracks of two scans must do; None if these,
     too, do not tie all scans to each other.
     """
     jobs = workers.threads
-    first = _measure([(e.i, e.j) for e in inside], [e.matches[e.inliers] for e in inside], scans, 2)
-    rough = BundleSettings(
-        depth_sigma_factor=settings.bundle.depth_sigma_factor, relative_tolerance=1e-3, covariance=False
-    )
+    used = [(int(i), int(j)) for i, j in inside.pairs]
+    first = _measure(used, [inside.inlier_rows(edge) for edge in range(len(inside))], scans, 2)
+    rough = BundleSettings(depth_sigma_factor=settings.depth_sigma_factor, relative_tolerance=1e-3, covariance=False)
     T = adjust(poses.T_world_cam, first, scans.camera, rough, jobs).T_world_cam
 
-    pairs = partners(T, poses.registered, scans.points, scans.camera, settings.bundle.partners)
+    pairs = partners(T, poses.registered, scans.points, scans.camera, settings.partners)
     matches = _guided(T, pairs, scans, settings, workers)
-    tracked = _measure(pairs, matches, scans, settings.bundle.min_frames)
+    tracked = _measure(pairs, matches, scans, settings.min_frames)
     known = poses.component == 0
     if not tied(tracked, known):
-        more = sorted({(e.i, e.j) for e in inside} - set(pairs))
+        more = sorted(set(used) - set(pairs))
         tracked = _measure(pairs + more, matches + _guided(T, more, scans, settings, workers), scans, 2)
         if not tied(tracked, known):
             return None
-    fine = replace(SHARP, depth_sigma_factor=settings.bundle.depth_sigma_factor)
+    fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)
     moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
-    if settings.bundle.timing:
+    if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
-    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
+    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.motion)
     covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
     return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
 
@@ -99,14 +100,11 @@ def tied(measured: Measurements, known: Bools) -> bool:
     return len(np.unique(connected_components(shared, directed=False)[1][known])) == 1
 
 
-def _guided(
-    T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Settings, workers: Workers
-) -> list[Ints]:
+def _guided(T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Bundle, workers: Workers) -> list[Ints]:
     """Matches of each pair where its poses say they must be; features without depth take part."""
     i, j = np.array(pairs, np.int64).reshape(-1, 2).T
     T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
-    radius_px = settings.bundle.radius_px
-    return guided_matches(pairs, T_j_i, scans.features, scans.camera, radius_px, settings, workers)
+    return guided_matches(pairs, T_j_i, scans.features, scans.feature_type, scans.camera, settings, workers)
 
 
 def _measure(pairs: Sequence[Pair], matches: Sequence[Ints], scans: Scans, min_frames: int) -> Measurements:

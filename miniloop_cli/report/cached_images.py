@@ -9,10 +9,11 @@ import numpy as np
 from miniloop_cli.report.images import jpeg, match_picture
 from miniloop_cli.report.splat import overview, render
 from miniloop_cli.results.ply import read_ply
-from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, file_fingerprint, fingerprint
+from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, file_fingerprint
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
 
+PICTURES = Artifact("pictures", 1)
 FARTHEST_M = 1e6
 VIEWS_DEG = ((0, 0), (25, 30))  # yaw, pitch
 SIZE = (960, 640)
@@ -37,8 +38,7 @@ def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int,
                 found[f"view_{k}"] = jpeg(render(points, colors, view))
         return found
 
-    key = fingerprint("model", file_fingerprint(cloud), content_fingerprint([T_world_cam]))
-    kept = store.kept("pictures", key, drawn)
+    kept = store.cached(PICTURES, ("model", file_fingerprint(cloud), T_world_cam), drawn)
     return int(kept["count"][0]), [kept[name] for name in sorted(kept) if name != "count"]
 
 
@@ -52,5 +52,5 @@ def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats,
     if max(i, j) >= len(sequence.frames):
         return None
     files = [file_fingerprint(sequence.frames[k].color_path) for k in (i, j)]
-    found = store.kept("pictures", fingerprint("edge", files, content_fingerprint([px_i, px_j])), drawn)["jpeg"]
+    found = store.cached(PICTURES, ("edge", files, px_i, px_j), drawn)["jpeg"]
     return found if len(found) else None

@@ -14,7 +14,7 @@ from miniloop_cli.datasets import read_ground_truth
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
 from miniloop_cli.report import sections
-from miniloop_cli.results.assessment import GOOD, judge
+from miniloop_cli.results.assessment import Level, judge
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -38,7 +38,7 @@ def write_report(data: ReportData, store: Store) -> Path:
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)
     verdict = judge(data, evaluation)
-    if verdict.level != GOOD:
+    if verdict.level != Level.GOOD:
         verdict = replace(verdict, findings=causes(data))
     body = [
         sections.verdict_section(verdict),

@@ -7,7 +7,6 @@ number, and `seconds` since the first frame. An edge appears with its later fram
 from __future__ import annotations
 
 import importlib
-from collections import defaultdict
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,9 +17,9 @@ from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.results.ply import read_ply
-from miniloop_cli.results.tables import reason
+from miniloop_cli.results.tables import frame_status
 from miniloop_cli.runtime.atomic_files import temporary_name
-from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import residuals
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Scan
@@ -103,39 +102,37 @@ def log_model(rr: ModuleType, stream: Any, run: Registration, results: Path) -> 
 def log_frames(rr: ModuleType, stream: Any, run: Registration) -> None:
     """Frame after frame: camera, image, depth, the edges to earlier frames, and what went wrong."""
     undistort, T = undistorter(run.sequence.camera), run.poses.T_world_cam
-    arriving: dict[int, list[Edge]] = defaultdict(list)
-    for edge in run.edges:
-        if edge.verdict == VERIFIED and run.poses.component[edge.i] == run.poses.component[edge.j] == 0:
-            arriving[edge.j].append(edge)
+    used = run.edges.subset(run.edges.verified & run.poses.joins(run.edges))
     start_s = run.sequence.frames[0].timestamp_s
     for k, frame in enumerate(run.sequence.frames):
         stream.set_time("frame", sequence=k)
         stream.set_time("seconds", duration=frame.timestamp_s - start_s)
         stream.log("counts/features_with_depth", rr.Scalars(run.scans[k].features.with_depth))
-        stream.log("counts/edges_to_earlier_frames", rr.Scalars(len(arriving[k])))
+        stream.log("counts/edges_to_earlier_frames", rr.Scalars(int((used.j == k).sum())))
         if run.poses.component[k] != 0:
-            stream.log("log", rr.TextLog(f"frame {k} has no pose: {reason(run, k)}", level=rr.TextLogLevel.WARN))
+            why = frame_status(run, k)[1]
+            stream.log("log", rr.TextLog(f"frame {k} has no pose: {why}", level=rr.TextLogLevel.WARN))
             stream.log("world/camera", rr.Clear(recursive=True))
             continue
         stream.log("world/camera", rr.Transform3D(translation=T[k, :3, 3], mat3x3=T[k, :3, :3]))
-        log_edges(rr, stream, run, k, arriving[k])
+        log_edges(rr, stream, run, k, used.subset(used.j == k))
         try:
             log_images(rr, stream, run, undistort(read_scan(run.sequence, k)))
         except InputError as error:
             stream.log("log", rr.TextLog(str(error), level=rr.TextLogLevel.WARN))
 
 
-def log_edges(rr: ModuleType, stream: Any, run: Registration, k: int, edges: list[Edge]) -> None:
+def log_edges(rr: ModuleType, stream: Any, run: Registration, k: int, edges: EdgeTable) -> None:
     """Edges from frame k to earlier ones, one entity a solver, each labelled with its cycle and residual."""
     T = run.poses.T_world_cam
-    for solver in sorted({edge.solver for edge in edges}):
-        own = [edge for edge in edges if edge.solver == solver]
+    for solver in np.unique(edges.solver).tolist():
+        own = edges.subset(edges.solver == solver)
         labels = [
-            f"{e.i}-{e.j}{f', cycle {e.cycle}' if e.cycle >= 0 else ''}: {angle:.2f} deg, {100 * distance:.1f} cm"
-            for e, angle, distance in zip(own, *residuals(own, T), strict=True)
+            f"{i}-{j}{f', cycle {cycle}' if cycle >= 0 else ''}: {angle:.2f} deg, {100 * distance:.1f} cm"
+            for i, j, cycle, angle, distance in zip(own.i, own.j, own.cycle, *residuals(own, T), strict=True)
         ]
         lines = rr.LineStrips3D(
-            [T[[e.i, e.j], :3, 3] for e in own], colors=[COLORS.get(solver, GREY)], labels=labels, show_labels=False
+            T[own.pairs, :3, 3], colors=[COLORS.get(solver, GREY)], labels=labels, show_labels=False
         )
         stream.log(f"world/edges/{solver}/{k:06d}", lines)
 

@@ -14,7 +14,7 @@ from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report import charts
 from miniloop_cli.report.cached_images import VIEWS_DEG, edge_picture, model_pictures
 from miniloop_cli.report.images import data_uri, frame_image, jpeg
-from miniloop_cli.results.assessment import Verdict, left_out, runs
+from miniloop_cli.results.assessment import Assessment, left_out, runs
 from miniloop_cli.results.columns import Edges, ReportData
 from miniloop_cli.results.folder import LARGEST
 from miniloop_cli.runtime.artifact_store import Store
@@ -45,7 +45,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def verdict_section(verdict: Verdict) -> str:
+def verdict_section(verdict: Assessment) -> str:
     """The headline, what is known, what is wrong with the recording, what to try."""
     facts = "".join(f"<li>{escape(text)}</li>" for text in verdict.facts)
     advice = "".join(f"<li>{escape(text)}</li>" for text in verdict.advice)

@@ -2,62 +2,84 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.results.columns import Edges, ReportData
+from miniloop_cli.scene.frame_status import FrameStatus
+from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.typing import Floats, Ints
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
 
-GOOD, PARTLY, FAILED = "good", "partly", "failed"
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
 LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
 FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
-SPOKEN_AGAINST = ("looks alike", "repeat themselves", "contradicts")  # in reasons of edges
+# The images, or other edges, speak against an edge that is rejected for one of these.
+SPOKEN_AGAINST = {
+    rejection.label
+    for rejection in (
+        Rejection.LOOKS_DIFFERENT,
+        Rejection.SCAN_LOOKS_DIFFERENT,
+        Rejection.MOVING_COMPONENT,
+        Rejection.MOSTLY_MOVING,
+        Rejection.REPETITION,
+        Rejection.CONTRADICTS_POSES,
+        Rejection.CONTRADICTS_GRAVITY,
+        Rejection.CONTRADICTS_POSE_PRIOR,
+    )
+}
 MOSTLY_REJECTED = 0.8  # chance matches make many pairs that are rejected, also in a good recording
 CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
 NEAR_M, FAR_M = 0.25, 6.0  # a median depth outside suggests a wrong scale
 
 
+class Level(StrEnum):
+    """How far a run can be trusted: as it is, with the doubts that are named, or not."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    BAD = "bad"
+
+
 @dataclass(frozen=True)
-class Verdict:
-    """`level` is good, partly or failed; one headline; what is known; what to try (empty where nothing is wrong).
+class Assessment:
+    """What a run is worth: its level, one headline, what is known, what to try (empty where nothing is wrong).
 
     `findings` are of an inspection of the recording, for runs that did not go well.
     """
 
-    level: str
+    level: Level
     headline: str
     facts: tuple[str, ...]
     advice: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
 
 
-def judge(data: ReportData, evaluation: Evaluation | None = None) -> Verdict:
-    """The verdict on a run, and on its trajectory where a ground truth was given."""
+def judge(data: ReportData, evaluation: Evaluation | None = None) -> Assessment:
+    """The assessment of a run, and on its trajectory where a ground truth was given."""
     frames = data.frames
     total, registered = len(frames), int(frames.registered.sum())
     share = registered / total if total else 0.0
     loose, contradicted = _loose(data), _contradicted(evaluation)
     enough = share >= GOOD_SHARE
-    level = FAILED if share < FAILED_SHARE or registered < 2 else PARTLY
-    if level == FAILED:
+    level = Level.BAD if share < FAILED_SHARE or registered < 2 else Level.DOUBTFUL
+    if level == Level.BAD:
         words = "It did not work"
     elif loose or contradicted:
         doubt = "the ground truth contradicts the poses" if contradicted else "the poses are doubtful"
         words = f"It worked{'' if enough else ' in part'}, but {doubt}"
     else:
-        level, words = (GOOD, "It worked") if enough else (PARTLY, "It worked in part")
+        level, words = (Level.GOOD, "It worked") if enough else (Level.DOUBTFUL, "It worked in part")
     headline = f"{words}: {registered} of {total} frames are registered{_pieces(data)}"
-    advice = _scale_advice(data) + (_few_edges(data) if level == GOOD else _advice(data, loose))
-    return Verdict(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
+    advice = _scale_advice(data) + (_few_edges(data) if level == Level.GOOD else _advice(data, loose))
+    return Assessment(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
 
 
 def _loose(data: ReportData) -> bool:
@@ -111,8 +133,9 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
             f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
             f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
         )
-    notes = data.summary.get("notes")
-    facts += [f"{note[0].upper()}{note[1:]}." for note in notes if _of_priors(note)] if isinstance(notes, list) else []
+    notes = data.summary.get("prior_notes")
+    said = [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
+    facts += [f"{note[0].upper()}{note[1:]}." for note in said]
     facts += [
         f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
         for reason, lost in left_out(data)[:3]
@@ -120,21 +143,15 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
     return facts
 
 
-def _of_priors(note: Any) -> bool:
-    """Whether a note of the run tells what became of gravity or rough poses."""
-    return isinstance(note, str) and note.startswith(("gravity ", "rough poses "))
-
-
 def left_out(data: ReportData) -> list[tuple[str, Ints]]:
-    """(reason, frame numbers) of the frames without a pose, the most frequent reason first."""
+    """(reason, frame numbers) of the frames without a pose, the most frequent reason first.
+
+    Frames none of whose overlaps was verified belong together: what differs between them stands in frames.csv.
+    """
     reasons: dict[str, list[int]] = {}
     for k in np.flatnonzero(~data.frames.registered).tolist():
-        # What differs from frame to frame stands in frames.csv; here frames with the same trouble belong together.
-        reason = re.sub(
-            r"^(none of \d+ overlaps was|its only overlap was not) verified.*",
-            "no overlap was verified",
-            data.frames.reason[k],
-        )
+        unverified = data.frames.status[k] == FrameStatus.NOT_VERIFIED
+        reason = "no overlap was verified" if unverified else data.frames.reason[k]
         reasons.setdefault(reason or "the reason is not known", []).append(k)
     return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
 
@@ -185,8 +202,8 @@ def _advice(data: ReportData, loose: bool) -> list[str]:
 
 def _why_rejected(edges: Edges) -> str:
     """What the reason of most rejected pairs suggests."""
-    reasons = [reason for reason, out in zip(edges.reason, edges.rejected, strict=True) if out]
-    against = sum(any(word in reason for word in SPOKEN_AGAINST) for reason in reasons)
+    reasons = [rejection for rejection, out in zip(edges.rejection, edges.rejected, strict=True) if out]
+    against = sum(rejection in SPOKEN_AGAINST for rejection in reasons)
     share = f"{100 * edges.rejected.mean():.0f} % of the pairs were rejected"
     if 2 * against > len(reasons):
         return (

@@ -13,6 +13,7 @@ import numpy as np
 from miniloop_cli.errors import InputError
 from miniloop_cli.results.folder import Results, column
 from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
 
 
@@ -29,6 +30,7 @@ class Edges:
     solver: list[str]
     cycle: list[str]
     verdict: list[str]
+    rejection: list[str]
     reason: list[str]
 
     def __len__(self) -> int:
@@ -37,12 +39,12 @@ class Edges:
     @cached_property
     def rejected(self) -> Bools:
         """(m,) whether an edge was rejected."""
-        return np.array([text == "rejected" for text in self.verdict], bool)
+        return np.array([text == Verdict.REJECTED.label for text in self.verdict], bool)
 
     @cached_property
     def verified(self) -> Bools:
         """(m,) whether an edge belongs to the graph that the poses rest on."""
-        return np.array([text in ("verified", "") for text in self.verdict], bool)
+        return np.array([text in (Verdict.VERIFIED.label, "") for text in self.verdict], bool)
 
     @cached_property
     def by_residual(self) -> Ints:
@@ -75,6 +77,7 @@ class Frames:
     sigma_trans_m: Floats
     registered: Bools
     component: list[str]
+    status: list[str]
     reason: list[str]
 
     def __len__(self) -> int:
@@ -120,7 +123,7 @@ def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
 def read_edges(results: Results) -> Edges:
     """edges.csv as columns."""
     rows, path = results.edges, results.root / "edges.csv"
-    text = {name: [row.get(name, "") for row in rows] for name in ("solver", "cycle", "verdict", "reason")}
+    text = {name: [row.get(name, "") for row in rows] for name in ("solver", "cycle", "verdict", "rejection", "reason")}
     i, j = (whole(column(rows, name, path), path) for name in "ij")
     columns = ("matches", "inliers", "rot_residual_deg", "trans_residual_m")
     return Edges(i, j, *(column(rows, name, path) for name in columns), **text)
@@ -132,9 +135,9 @@ def read_frames(results: Results) -> Frames:
     if not rows:
         stamps = results.trajectory.timestamps_s
         unknown, n = np.full(len(stamps), np.nan), len(stamps)
-        return Frames(stamps, *[unknown] * (len(FRAME_COLUMNS) - 1), np.ones(n, bool), ["0"] * n, [""] * n)
+        return Frames(stamps, *[unknown] * (len(FRAME_COLUMNS) - 1), np.ones(n, bool), ["0"] * n, [""] * n, [""] * n)
     registered = np.array([row.get("registered", "").lower() in ("1", "true", "yes") for row in rows])
-    text = [[row.get(name, "") for row in rows] for name in ("component", "reason")]
+    text = [[row.get(name, "") for row in rows] for name in ("component", "status", "reason")]
     others = (column(rows, name, path) for name in FRAME_COLUMNS[1:])
     return Frames(results.frame_stamps_s, *others, registered, *text)
 

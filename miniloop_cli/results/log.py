@@ -10,7 +10,7 @@ import yaml
 from miniloop_cli.errors import printable
 from miniloop_cli.results.assessment import judge
 from miniloop_cli.results.columns import ReportData
-from miniloop_cli.results.tables import reason
+from miniloop_cli.results.tables import frame_status
 from miniloop_cli.results.write import versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.registration import Registration
@@ -28,7 +28,7 @@ def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[st
     lens = ", ".join(f"{value:g}" for value in camera.distortion) if any(camera.distortion) else "none"
     verdict = judge(data)
     problems = [
-        f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {reason(run, k)}"
+        f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {frame_status(run, k)[1]}"
         for k in np.flatnonzero(run.poses.component != 0).tolist()
     ]
     return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,16 @@ import numpy as np
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.poses import residuals
 from miniloop_cli.scene.registration import Registration
-from miniloop_cli.typing import Floats
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.typing import Bools, Floats
 
 FRAME_COLUMNS = tuple(
     """
     index timestamp keypoints with_depth depth_valid_share median_depth_m registered component sigma_rot_deg
-    sigma_trans_m reason
+    sigma_trans_m status reason
     """.split()
 )
 
@@ -42,35 +44,38 @@ def write_frames(run: Registration, stamps: Floats, path: Path) -> None:
                 component,
                 f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if known else "",
                 f"{np.linalg.norm(sigma[3:]):.5f}" if known else "",
-                reason(run, index),
+                *frame_status(run, index),
             )
 
     _write_csv(path, FRAME_COLUMNS, rows())
 
 
-def reason(run: Registration, index: int) -> str:
-    """Why a frame is not in the trajectory; "" if it is."""
-    if run.poses.component[index] == 0:
-        return ""
-    if run.scans[index].problem:
-        return run.scans[index].problem
-    if run.poses.component[index] > 0:
-        size = int((run.poses.component == run.poses.component[index]).sum())
-        return f"joined to {size - 1} other frames, but to none of the trajectory"
-    found = run.scans[index].features
-    if found.with_depth < run.settings.matching.min_matches:
-        return f"{len(found)} features, {found.with_depth} with depth: too few"
-    own = [edge for edge in run.edges if index in (edge.i, edge.j)]
-    if not own:
-        return f"no other frame has {run.settings.matching.min_matches} matches with it"
-    best = max(own, key=lambda edge: edge.inlier_count)
-    what = "its only overlap was not verified" if len(own) == 1 else f"none of {len(own)} overlaps was verified"
-    return f"{what} ({'best: ' * (len(own) > 1)}{best.reason or best.verdict})"
+def frame_status(run: Registration, index: int) -> tuple[FrameStatus, str]:
+    """What became of a frame, and in words why it is not in the trajectory ("" if it is)."""
+    scan, component = run.scans[index], run.poses.component
+    if component[index] == 0:
+        return FrameStatus.REGISTERED, ""
+    if scan.problem:
+        return FrameStatus.UNREADABLE, scan.problem
+    if component[index] > 0:
+        size = int((component == component[index]).sum())
+        return FrameStatus.OTHER_PIECE, f"joined to {size - 1} other frames, but to none of the trajectory"
+    features, least = scan.features, run.settings.matching.min_matches
+    if features.with_depth < least:
+        return FrameStatus.FEW_FEATURES, f"{len(features)} features, {features.with_depth} with depth: too few"
+    own = run.edges.subset((run.edges.i == index) | (run.edges.j == index))
+    if not len(own):
+        return FrameStatus.NO_MATCHES, f"no other frame has {least} matches with it"
+    best = int(own.inlier_count.argmax())
+    said = own.reasons()[best] or Verdict(int(own.verdict[best])).label
+    if len(own) == 1:
+        return FrameStatus.NOT_VERIFIED, f"its only overlap was not verified ({said})"
+    return FrameStatus.NOT_VERIFIED, f"none of {len(own)} overlaps was verified (best: {said})"
 
 
 EDGE_COLUMNS = tuple(
     """
-    i j timestamp_i timestamp_j matches inliers solver cycle verdict reason rot_residual_deg trans_residual_m
+    i j timestamp_i timestamp_j matches inliers solver cycle verdict rejection reason rot_residual_deg trans_residual_m
     rot_sigma_deg trans_sigma_m hypotheses tx ty tz qx qy qz qw
     """.split()
 )
@@ -78,41 +83,41 @@ EDGE_COLUMNS = tuple(
 
 def write_edges(run: Registration, stamps: Floats, path: Path) -> None:
     """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
-    angles, distances = residuals(run.edges, run.poses.T_world_cam)
-    T = np.array([edge.T_j_i for edge in run.edges]).reshape(-1, 4, 4)
-    poses = se3.to_rows(T)
-    variance = np.array([np.diag(edge.covariance) for edge in run.edges]).reshape(-1, 2, 3)
-    sigmas = np.sqrt(np.maximum(variance, 0).sum(axis=2))
-
-    def rows() -> Iterator[Sequence[Any]]:
-        numbers = angles.tolist(), distances.tolist(), sigmas.tolist(), poses.tolist()
-        for edge, angle, distance, sigma, pose in zip(run.edges, *numbers, strict=True):
-            component = run.poses.component[edge.i]
-            judged = component >= 0 and component == run.poses.component[edge.j]
-            solved = edge.information.any()
-            yield (
-                edge.i,
-                edge.j,
-                f"{stamps[edge.i]:.6f}",
-                f"{stamps[edge.j]:.6f}",
-                len(edge.matches),
-                edge.inlier_count,
-                edge.solver,
-                edge.cycle,
-                edge.verdict,
-                edge.reason,
-                f"{angle:.4f}" if judged and solved else "",
-                f"{distance:.5f}" if judged and solved else "",
-                f"{np.degrees(sigma[0]):.4f}" if solved else "",
-                f"{sigma[1]:.5f}" if solved else "",
-                edge.hypotheses,
-                *(f"{value:.9f}" if solved else "" for value in pose),
-            )
-
-    _write_csv(path, EDGE_COLUMNS, rows())
+    edges, component = run.edges, run.poses.component
+    angle_deg, distance_m = residuals(edges, run.poses.T_world_cam)
+    variance = np.diagonal(edges.covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
+    sigma = np.sqrt(np.maximum(variance, 0).sum(axis=2))
+    solved = edges.information.any(axis=(1, 2))
+    judged = solved & (component[edges.i] >= 0) & (component[edges.i] == component[edges.j])
+    columns: list[Iterable[Any]] = [
+        edges.i,
+        edges.j,
+        _numbers(stamps[edges.i], 6),
+        _numbers(stamps[edges.j], 6),
+        edges.match_count,
+        edges.inlier_count,
+        edges.solver,
+        edges.cycle,
+        [Verdict(int(number)).label for number in edges.verdict],
+        [Rejection(int(number)).label for number in edges.rejection],
+        edges.reasons(),
+        _numbers(angle_deg, 4, judged),
+        _numbers(distance_m, 5, judged),
+        _numbers(np.degrees(sigma[:, 0]), 4, solved),
+        _numbers(sigma[:, 1], 5, solved),
+        edges.hypotheses,
+        *(_numbers(column, 9, solved) for column in se3.to_rows(edges.T_j_i).T),
+    ]
+    _write_csv(path, EDGE_COLUMNS, zip(*columns, strict=True))
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
+def _numbers(values: Floats, digits: int, known: Bools | None = None) -> list[str]:
+    """Numbers (m,) as text; "" where they are not known."""
+    shown = np.ones(len(values), bool) if known is None else known
+    return [f"{value:.{digits}f}" if show else "" for value, show in zip(values.tolist(), shown, strict=True)]
+
+
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     with atomic_write(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)

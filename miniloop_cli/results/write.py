@@ -23,15 +23,16 @@ from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
 from miniloop_cli.results.tables import write_edges, write_frames
-from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, fingerprint, library_versions
+from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bytes, Floats, Floats32
 from miniloop_cli.version import __version__
 
+CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
 
@@ -65,7 +66,8 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
 def summary(run: Registration) -> dict[str, Any]:
     """The run in numbers, JSON-able; `cycles`: edges covered by each solver, as in the paper's table."""
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
-    solvers = Counter(edge.solver for edge in run.edges)
+    solvers = Counter(run.edges.solver.tolist())
+    verdicts = Counter(Verdict(int(number)).label for number in run.edges.verdict)
     covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
     covered |= {"pairwise": solvers.get("pairwise", 0)}
     covered |= {name: count for name, count in sorted(solvers.items()) if name.startswith("planar")}
@@ -78,13 +80,14 @@ def summary(run: Registration) -> dict[str, Any]:
         "components": len(sizes),
         "component_sizes": sizes.tolist(),
         "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
-        "edges": sum(edge.verdict == VERIFIED for edge in run.edges),
-        "verdicts": dict(sorted(Counter(edge.verdict for edge in run.edges).items())),
+        "edges": int(run.edges.verified.sum()),
+        "verdicts": dict(sorted(verdicts.items())),
         "cycles": covered,
         "camera": run.sequence.camera.source,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
         "notes": [*run.sequence.notes, *run.notes],
+        "prior_notes": list(run.notes),
         "timings_s": run.timings_s,
         "seed": run.seed,
         "versions": versions(),
@@ -103,42 +106,34 @@ def _write_yaml(run: Registration, path: Path) -> None:
 
 def _write_inliers(run: Registration, path: Path) -> None:
     """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
-    kept = [edge.matches[edge.inliers] if edge.verdict != REJECTED else edge.matches[:0] for edge in run.edges]
-    counts = [len(rows) for rows in kept]
-    rows = np.concatenate([np.zeros((0, 2), np.int64), *kept])
+    edges = run.edges
+    kept = edges.inliers & np.repeat(edges.open, edges.match_count)
+    counts = np.where(edges.open, edges.inlier_count, 0)
     px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)]).astype(np.float32)
     first = np.cumsum([0] + [len(scan.features) for scan in run.scans])  # of each scan in px
-    px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate(pairs_of(run.edges).T))
-    offsets = np.cumsum([0, *counts])
+    rows = edges.matches[kept]
+    px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate((edges.i, edges.j)))
     with atomic_write(path, "wb") as file:
-        np.savez(file, offsets=offsets, px_i=px_i, px_j=px_j)
+        np.savez(file, offsets=np.cumsum([0, *counts]), px_i=px_i, px_j=px_j)
 
 
 def _write_graph(run: Registration, path: Path) -> None:
     registered = run.poses.registered
-    edges: list[Edge] = [e for e in run.edges if e.verdict == VERIFIED and run.poses.component[e.i] == 0]
-    write_g2o(
-        path,
-        registered,
-        run.poses.T_world_cam[registered],
-        pairs_of(edges),
-        np.array([e.T_j_i for e in edges]).reshape(-1, 4, 4),
-        np.array([e.information for e in edges]).reshape(-1, 6, 6),
-    )
+    edges = run.edges.subset(run.edges.verified & (run.poses.component[run.edges.i] == 0))
+    write_g2o(path, registered, run.poses.T_world_cam[registered], edges.pairs, edges.T_j_i, edges.information)
 
 
 def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32, Bytes]:
     """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
     scans = run.poses.registered
-    poses = content_fingerprint([scans, run.poses.T_world_cam[scans]])
-    how = [run.settings.cloud.model_dump(), run.settings.depth.model_dump()]
-    key = fingerprint("cloud", [run.scans[k].key for k in scans], poses, how)
+    poses = run.poses.T_world_cam[scans]
+    inputs = ([run.scans[k].key for k in scans], poses, run.settings.cloud, run.settings.depth)
 
     def fused() -> Arrays:
         points, colors = fuse_cloud(_world_points(run, workers), run.settings.cloud.voxel_m)
         return {"points": points, "colors": colors}
 
-    kept = store.kept("cloud", key, fused)
+    kept = store.cached(CLOUD, inputs, fused)
     return kept["points"], kept["colors"]
 
 

@@ -1,9 +1,9 @@
 """Finished work on disk: arrays named by a hash of what they were made from.
 
-An artefact's name is a hash of its inputs, of the settings that matter to it and of the code's version, so that
-nothing stale can be found, and a killed or repeated run finds what is done. Files are plain .npz, never unpickled,
-with a checksum of the whole at the end (what a zip file checks by itself is not all of it); one that is damaged is
-deleted and made again. All hashes are SHA-256, which most processors compute by themselves.
+The name of an artefact is a hash of its kind, the version of what its stage computes, the versions of the libraries
+and its inputs, so that nothing stale can be found, and a killed or repeated run finds what is done. Files are plain
+.npz, never unpickled, with a checksum of the whole at the end (what a zip file checks by itself is not all of it); one
+that is damaged is deleted and made again. All hashes are SHA-256, which most processors compute by themselves.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,15 +22,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.atomic_files import atomic_write
-from miniloop_cli.version import __version__
 
 Arrays = Mapping[str, NDArray[Any]]
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
 CHECKSUM_BYTES = 32
-SHOWING = ("cli", "report", "bench", "inspection", "evaluation")  # packages whose code is in no artefact
 
 
 def default_folder() -> Path:
@@ -55,21 +54,30 @@ def library_versions() -> dict[str, str]:
     return found
 
 
-@cache
-def code_version() -> str:
-    """Hash of release, libraries and the sources that artefacts are made by: a changed solver finds no old result."""
-    package = Path(__file__).parents[1]
-    digest = hashlib.sha256(json.dumps([__version__, library_versions()]).encode())
-    for path in sorted(package.rglob("*.py")):
-        if path.relative_to(package).parts[0] not in SHOWING:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+@dataclass(frozen=True)
+class Artifact:
+    """A kind of finished work, and the version of what computes it."""
+
+    kind: str
+    version: int
 
 
 def fingerprint(*parts: Any) -> str:
-    """Hash of JSON-able parts and the code's version."""
-    text = json.dumps([code_version(), *parts], sort_keys=True, separators=(",", ":"), default=str)
+    """Hash of JSON-able parts, settings, dataclasses and arrays, nested at will. Raises TypeError for anything else."""
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"), default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(part: Any) -> Any:
+    if isinstance(part, np.ndarray):
+        return content_fingerprint([part])
+    if isinstance(part, np.generic):
+        return part.item()
+    if isinstance(part, BaseModel):
+        return part.model_dump()
+    if is_dataclass(part) and not isinstance(part, type):
+        return {field.name: getattr(part, field.name) for field in fields(part)}
+    raise TypeError(f"{type(part).__name__} cannot name an artefact")
 
 
 def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
@@ -102,12 +110,26 @@ class Store:
     folder: Path
     fresh: bool = False
 
-    def path(self, kind: str, key: str) -> Path:
-        return self.folder / kind / f"{key}.npz"
+    def path(self, artifact: Artifact, key: str) -> Path:
+        """Where an artefact lies."""
+        return self.folder / artifact.kind / f"{key}.npz"
 
-    def load(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
+    def key(self, artifact: Artifact, inputs: Any) -> str:
+        """Name of the artefact that is made from these inputs."""
+        return fingerprint(artifact, library_versions(), inputs)
+
+    def cached(self, artifact: Artifact, inputs: Any, make: Callable[[], Arrays]) -> Arrays:
+        """The arrays of the artefact of these inputs; where there is none, made now and kept."""
+        key = self.key(artifact, inputs)
+        found = self.load(artifact, key)
+        if found is None:
+            found = make()
+            self.save(artifact, key, found)
+        return found
+
+    def load(self, artifact: Artifact, key: str) -> dict[str, NDArray[Any]] | None:
         """The arrays of an artefact, or None if it must be made."""
-        path = self.path(kind, key)
+        path = self.path(artifact, key)
         if self.fresh:
             return None
         try:
@@ -124,20 +146,12 @@ class Store:
         with np.load(io.BytesIO(whole), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
 
-    def kept(self, kind: str, key: str, make: Callable[[], Arrays]) -> Arrays:
-        """The arrays of an artefact; where there is none, made now and kept."""
-        found = self.load(kind, key)
-        if found is None:
-            found = make()
-            self.save(kind, key, found)
-        return found
-
-    def save(self, kind: str, key: str, arrays: Arrays) -> None:
+    def save(self, artifact: Artifact, key: str, arrays: Arrays) -> None:
         """Keep an artefact; a store that cannot be written costs the next run time, never this run its result."""
         try:
             packed = io.BytesIO()
             np.savez(packed, **arrays)
-            with atomic_write(self.path(kind, key), "wb") as file:
+            with atomic_write(self.path(artifact, key), "wb") as file:
                 file.write(packed.getbuffer())
                 file.write(checksum(packed.getbuffer()))
         except MiniloopError:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.runtime.artifact_store import code_version
+from miniloop_cli.runtime.code_version import code_version
 from miniloop_cli.runtime.parallel import single_inner_threads
 
 Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")

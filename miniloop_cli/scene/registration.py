@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.sequence import Sequence
@@ -27,13 +27,16 @@ class RegistrationError(MiniloopError):
 
 @dataclass(frozen=True)
 class Registration:
-    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage."""
+    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
+
+    `notes`: what became of gravity and of a pose prior.
+    """
 
     sequence: Sequence
     settings: Settings
     seed: int
     scans: list[ExtractedScan]
-    edges: list[Edge]
+    edges: EdgeTable
     poses: Poses
     covariance: Floats
     timing: Timing

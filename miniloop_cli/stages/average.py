@@ -1,72 +1,34 @@
-"""Which edges are believed, and the poses that follow: gate, average the motions, drop what contradicts the result.
-
-Inliers alone do not make an edge true: places look alike, patterns repeat, things move. So the edges are check_scans
-three times: by what else their scans show, before averaging; by what all edges agree on, in averaging; and by what
-scans show that came to lie over each other, afterwards.
-"""
+"""Stage: absolute poses from the edges, which are judged again by what their scans show and by each other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numpy as np
 
-from miniloop_cli.averaging.components import average_components
-from miniloop_cli.config import Averaging
-from miniloop_cli.scene.edge import Edge
-from miniloop_cli.scene.poses import Poses, usable_edges
-from miniloop_cli.verification.gating import (
-    check_components,
-    check_scans,
-    reject_residual_outliers,
-    reject_unclosed,
-    reject_unsupported_bridges,
-)
+from miniloop_cli.config import Averaging, Ransac
+from miniloop_cli.runtime.artifact_store import Arrays
+from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.stages.artifacts import REPETITION
+from miniloop_cli.stages.run import Run
+from miniloop_cli.verification.consensus import average_verified
 from miniloop_cli.verification.photometric_check import PhotometricCheck
+from miniloop_cli.verification.repetition import pattern_steps_m
+
+
+def photometric_check(scans: ScanSet, ransac: Ransac, chi2: float, run: Run) -> PhotometricCheck:
+    """What the scans show beside their matches; their repetition from the store, or made now."""
+
+    def make() -> Arrays:
+        return {"step_m": np.array(pattern_steps_m(scans, ransac, chi2, run.workers))}
+
+    step_m = run.store.cached(REPETITION, (scans.key, ransac, chi2), make)["step_m"]
+    outline = [features.outline for features in scans.features]
+    return PhotometricCheck(scans.thumbnails, scans.points, outline, step_m, scans.camera)
 
 
 def average(
-    edges: Sequence[Edge], count: int, settings: Averaging, photometric: PhotometricCheck | None = None
-) -> tuple[Poses, list[Edge]]:
-    """Poses of all scans by motion averaging, and the edges, those that were found false rejected with the reason.
-
-    Edges that do not close the loops they lie on do not take part at first. Those that agree with the result of the
-    others, or join what the others leave apart, come back; not those of scans that were found to follow what moves.
-    """
-    photometric = photometric if settings.min_photo_consistency > 0 else None
-    edges = check_scans(edges, photometric, settings.min_photo_consistency) if photometric else list(edges)
-    if settings.rotations == "robust":
-        first = reject_unclosed(edges, count, settings)
-        poses, judged, moving = average_until_stable(first, count, settings, photometric)
-        now = reject_residual_outliers(edges, poses, settings)
-        back = [
-            n if e is not f and not {e.i, e.j} & moving else g
-            for e, f, g, n in zip(edges, first, judged, now, strict=True)
-        ]
-        if not _changed(judged, back):
-            return poses, back
-        edges = back
-    return average_until_stable(edges, count, settings, photometric)[:2]
-
-
-def average_until_stable(
-    edges: Sequence[Edge], count: int, settings: Averaging, photometric: PhotometricCheck | None
-) -> tuple[Poses, list[Edge], set[int]]:
-    """Averaging and dropping what contradicts, repeated until none is dropped (at most five times).
-
-    Also returned: the scans of components that were found not to be one world.
-    """
-    edges, moving = list(edges), set[int]()
-    for _ in range(5):
-        edges = reject_unsupported_bridges(edges, count, settings.min_bridge_inliers)
-        poses = average_components(usable_edges(edges, count), count, settings)
-        judged = reject_residual_outliers(edges, poses, settings)
-        if photometric and not _changed(edges, judged):
-            judged, moving = check_components(judged, poses, photometric, settings.min_photo_consistency, moving)
-        if not _changed(edges, judged):
-            return poses, judged, moving
-        edges = judged
-    edges = reject_unsupported_bridges(edges, count, settings.min_bridge_inliers)
-    return average_components(usable_edges(edges, count), count, settings), edges, moving
-
-
-def _changed(before: Sequence[Edge], after: Sequence[Edge]) -> bool:
-    return any(a.verdict != b.verdict for a, b in zip(before, after, strict=True))
+    edges: EdgeTable, scans: ScanSet, settings: Averaging, photometric: PhotometricCheck | None
+) -> tuple[Poses, EdgeTable]:
+    """Poses of all scans, and the judged edges; `photometric`: what the scans show, None if that is not to be asked."""
+    return average_verified(edges, len(scans), settings, photometric)

@@ -1,83 +1,84 @@
-"""The features of every scan of a sequence, kept on disk; a scan that cannot be read is named and left empty."""
+"""Stage: the features and the small picture of every scan; a scan that cannot be read is named and left empty."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict, fields
+from dataclasses import fields, replace
 
 import numpy as np
 
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Depth, Features
 from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
-from miniloop_cli.runtime.artifact_store import Arrays, Store, file_fingerprint, fingerprint
-from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.runtime.artifact_store import Arrays, file_fingerprint, fingerprint
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.thumbnail import View
+from miniloop_cli.stages.artifacts import FEATURES
+from miniloop_cli.stages.run import Run
 
 NO_PLACES, NO_NUMBERS = np.zeros((0, 2)), np.zeros(0)
 NOTHING = ScanFeatures(NO_PLACES, NO_PLACES, NO_NUMBERS, NO_PLACES, np.zeros(0, bool), np.zeros((0, 128), np.uint8))
-COLUMNS, PICTURES = ([column.name for column in fields(kind)] for kind in (ScanFeatures, View))
+FEATURE_COLUMNS, VIEW_COLUMNS = ([column.name for column in fields(kind)] for kind in (ScanFeatures, View))
+How = tuple[Sequence, Features, Depth]
 
 
-def extract(sequence: Sequence, settings: Settings, store: Store, workers: Workers) -> Iterator[ExtractedScan]:
-    """Features of each frame, in order."""
-    made: dict[int, Arrays | str] = {}
-    if workers.cluster:
-        keys = [_key(sequence, index, settings) for index in range(len(sequence.frames))]
-        missing = [index for index, key in enumerate(keys) if store.load("features", key) is None]
-        found = workers.spread(make, (sequence, settings), missing, "detecting features", len(missing))
-        for index, arrays in zip(missing, found, strict=True):
-            made[index] = arrays
-            if not isinstance(arrays, str):
-                store.save("features", keys[index], arrays)
+def extract(sequence: Sequence, features: Features, depth: Depth, run: Run) -> ScanSet:
+    """All scans of a sequence, in order."""
+    how, numbers = (sequence, features, depth), range(len(sequence.frames))
+    made = _made_by_cluster(how, run) if run.workers.cluster else {}
 
     def one(index: int) -> ExtractedScan:
-        return extract_scan(sequence, index, settings, store, made.pop(index, None))
+        return _extract_scan(how, index, run, made.pop(index, None))
 
-    return workers.map(one, range(len(sequence.frames)), "detecting features", len(sequence.frames))
+    found = list(run.workers.map(one, numbers, "detecting features", len(numbers)))
+    return ScanSet(sequence, found, features.type, fingerprint([scan.key for scan in found]))
 
 
-def extract_scan(
-    sequence: Sequence, index: int, settings: Settings, store: Store, made: Arrays | str | None = None
-) -> ExtractedScan:
-    """Features of frame `index`: those `made` already, else from the store where they were made before."""
-    key = _key(sequence, index, settings)
-    kept = store.load("features", key) if made is None else made
-    if kept is None:
-        kept = make((sequence, settings), index)
+def _made_by_cluster(how: How, run: Run) -> dict[int, Arrays | str]:
+    """What the cluster makes of the frames that are not in the store."""
+    keys = [_key(how, index, run) for index in range(len(how[0].frames))]
+    missing = [index for index, key in enumerate(keys) if run.store.load(FEATURES, key) is None]
+    found = run.workers.spread(extract_arrays, how, missing, "detecting features", len(missing))
+    return dict(zip(missing, found, strict=True))
+
+
+def _extract_scan(how: How, index: int, run: Run, made: Arrays | str | None) -> ExtractedScan:
+    """Features of frame `index`: those in the store, else those `made` already, else made now."""
+    key = _key(how, index, run)
+    kept: Arrays | str | None = run.store.load(FEATURES, key) if made is None else made
+    if kept is None or made is not None:
+        kept = extract_arrays(how, index) if kept is None else kept
         if not isinstance(kept, str):
-            store.save("features", key, kept)
+            run.store.save(FEATURES, key, kept)
     if isinstance(kept, str):
         return ExtractedScan(NOTHING, None, 0.0, 0.0, key, kept)
-    found = ScanFeatures(*(kept[name] for name in COLUMNS))
-    return ExtractedScan(
-        found, View(*(kept[f"view_{name}"] for name in PICTURES)), float(kept["depth"][0]), float(kept["depth"][1]), key
-    )
+    features = ScanFeatures(*(kept[name] for name in FEATURE_COLUMNS))
+    view = View(*(kept[f"view_{name}"] for name in VIEW_COLUMNS))
+    return ExtractedScan(features, view, float(kept["depth"][0]), float(kept["depth"][1]), key)
 
 
-def make(how: tuple[Sequence, Settings], index: int) -> Arrays | str:
+def extract_arrays(how: How, index: int) -> Arrays | str:
     """The arrays that are kept of frame `index`; why there are none where it cannot be read."""
-    sequence, settings = how
+    sequence, features, depth = how
     try:
         scan = read_scan(sequence, index)
     except InputError as error:
         return str(error)
-    found = scan_features(scan, sequence.camera, settings.features, settings.depth)
+    found = scan_features(scan, sequence.camera, features, depth)
     readings = scan.depth_m[scan.depth_m > 0]
-    depth = np.array([len(readings) / scan.depth_m.size, np.median(readings) if len(readings) else 0.0])
-    view = make_view(scan, sequence.camera, settings.depth)
-    arrays = {name: getattr(found, name) for name in COLUMNS} | {"depth": depth}
-    return arrays | {f"view_{name}": getattr(view, name) for name in PICTURES}
+    valid = np.array([len(readings) / scan.depth_m.size, np.median(readings) if len(readings) else 0.0])
+    view = make_view(scan, sequence.camera, depth)
+    arrays = {name: getattr(found, name) for name in FEATURE_COLUMNS} | {"depth": valid}
+    return arrays | {f"view_{name}": getattr(view, name) for name in VIEW_COLUMNS}
 
 
-def _key(sequence: Sequence, index: int, settings: Settings) -> str:
+def _key(how: How, index: int, run: Run) -> str:
+    sequence, features, depth = how
     frame = sequence.frames[index]
     files = [file_fingerprint(path) for path in (frame.color_path, frame.depth_path, frame.mask_path) if path]
-    camera = asdict(sequence.camera) | {"source": ""}  # how the camera was found does not change a feature
-    how = [settings.features.model_dump(), settings.depth.model_dump(), camera, asdict(sequence.depth_format)]
-    return fingerprint("features", files, how)
+    camera = replace(sequence.camera, source="")  # how the camera was found does not change a feature
+    return run.store.key(FEATURES, (files, features, depth, camera, sequence.depth_format))

@@ -1,130 +1,73 @@
-"""Which pairs of scans are compared, and how: by sketches of their features, or exactly."""
+"""Stage: which features of which scans are taken for the same point."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import cache
-from itertools import combinations
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.config import Matching, Settings
-from miniloop_cli.datasets.pairs import read_pairs
-from miniloop_cli.errors import InputError
-from miniloop_cli.features.detect import BINARY, compact, comparable
-from miniloop_cli.features.lsh_match import Sketched, match_sketched, sketch
-from miniloop_cli.features.match import match
-from miniloop_cli.features.retrieval import image_vectors, similar_pairs
-from miniloop_cli.ransac.distance_consistency import consistent
-from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.features import ScanFeatures
-from miniloop_cli.scene.points import Matches, ScanPoints
-from miniloop_cli.typing import Ints, Pair
+from miniloop_cli.config import Matching, PosePrior
+from miniloop_cli.features.detect import compact
+from miniloop_cli.features.retrieval import DESCRIBED_FEATURES, around
+from miniloop_cli.scene.points import Matches
+from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.stages.artifacts import MATCHES
+from miniloop_cli.stages.candidates import comparer, listed_pairs, retrieved_pairs
+from miniloop_cli.stages.run import Run
+from miniloop_cli.typing import Pair
+from miniloop_cli.verification.pose_prior import pairs_by_pose_prior
 
-Descriptors = Sequence[NDArray]
-MAX_CHECKED_MATCHES = 150  # matches that need no further check
-AGREEING_M = 0.04  # tighter than the estimator's threshold: a few chance matches must not pass for an overlap
+CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
 
 
-def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
-    """The pairs that a source names: "auto" and "exhaustive" every pair, "sequential" near frames, or a file.
+def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Priors, run: Run) -> Matches:
+    """Matches of the pairs that the settings name; of a long recording first those retrieved, then around its loops.
 
-    Raises InputError naming the line of a file that does not fit.
+    Where a pose prior is given, the pairs that it names take the place of all or of those retrieved.
     """
-    if source in ("auto", "exhaustive"):
-        return list(combinations(range(count), 2))
-    if source == "sequential":
-        return neighbours(count, settings.sequential_window)
-    try:
-        return sorted({(min(i, j), max(i, j)) for i, j in read_pairs(Path(source), count) if i != j})
-    except InputError as error:
-        raise InputError(f"{error} (--pairs is auto, exhaustive, sequential or a file of lines 'i j')") from error
+    compare = comparer(scans, settings, run.workers)
+
+    def matched(pairs: Sequence[Pair]) -> Matches:
+        return _by_chunk(pairs, (scans.key, settings), run, compare)
+
+    if settings.pairs == "auto" and priors.T_world_cam is not None:
+        return matched(pairs_by_pose_prior(priors.T_world_cam, scans.points, scans.camera, pose_prior))
+    if settings.pairs != "auto" or len(scans) <= settings.exhaustive_max_scans:
+        return matched(listed_pairs(len(scans), settings.pairs, settings))
+    small = [compact(scan.descriptors[:DESCRIBED_FEATURES], scans.feature_type)[0] for scan in scans.features]
+    pairs = retrieved_pairs(small, settings, np.random.default_rng(0))
+    found = matched(pairs)
+    loops = [(i, j) for i, j in found if j - i > settings.sequential_window]
+    return found | matched(sorted(around(loops, len(scans)) - set(pairs)))
 
 
-def neighbours(count: int, most: int) -> list[Pair]:
-    """Each frame with the `most` frames after it."""
-    return [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + most, count))]
+def _by_chunk(pairs: Sequence[Pair], how: Any, run: Run, compare: Callable[[Sequence[Pair]], Matches]) -> Matches:
+    """Matches of all pairs, chunk by chunk from the store or made now."""
+    found: Matches = {}
+    for begin in range(0, len(pairs), CHUNK):
+        chunk = pairs[begin : begin + CHUNK]
+
+        def make(chunk: Sequence[Pair] = chunk) -> dict[str, NDArray[Any]]:
+            return match_arrays(compare(chunk))
+
+        found |= matches_from_arrays(run.store.cached(MATCHES, (how, chunk), make))
+    return found
 
 
-def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Generator) -> list[Pair]:
-    """Frames that are near in time or look alike: the candidates of long recordings."""
-    alike = similar_pairs(image_vectors(compact, rng), settings.retrieval_k)
-    return sorted({*neighbours(len(compact), settings.sequential_window), *alike})
-
-
-def comparer(
-    features: Sequence[ScanFeatures], points: Sequence[ScanPoints], settings: Settings, workers: Workers
-) -> Callable[[Sequence[Pair]], Matches]:
-    """How pairs are compared by the settings: by sketches with `matching.pairs: auto`, else exactly.
-
-    Descriptors are made ready when the first pairs come.
-    """
-    matching, kind = settings.matching, settings.features.type
-    strongest = [scan.descriptors[: min(scan.with_depth, matching.count)] for scan in features]
-
-    @cache
-    def sketches() -> list[Sketched]:
-        return sketch([compact(found, kind)[0] for found in strongest])
-
-    @cache
-    def exact() -> Descriptors:
-        return [comparable(found, kind) for found in strongest]
-
-    def compare(pairs: Sequence[Pair]) -> Matches:
-        if matching.pairs == "auto":
-            ratio2 = matching.ratio ** (1 if kind in BINARY else 2)  # of counts of bits, or of squared distances
-            return match_quickly(sketches(), points, pairs, matching, ratio2, workers)
-        return match_fully(exact(), pairs, matching, workers)
-
-    return compare
-
-
-def match_quickly(
-    features: Sequence[Sketched],
-    points: Sequence[ScanPoints],
-    pairs: Sequence[Pair],
-    settings: Matching,
-    ratio2: float,
-    workers: Workers,
-) -> Matches:
-    """Matches of the pairs by sketches; a pair of which too few agree in their distances is left out.
-
-    features: of each scan its features with depth, strongest first; ratio2: bound of the ratio test on what sketches
-    are compared by (see `match_sketched`).
-    """
-
-    shared = features, points, settings, ratio2
-    return enough(pairs, workers.spread(_match_quickly, shared, pairs, "matching pairs", len(pairs)), settings)
-
-
-def _match_quickly(shared: tuple[Sequence[Sketched], Sequence[ScanPoints], Matching, float], pair: Pair) -> Ints | None:
-    features, points, settings, ratio2 = shared
-    rows = match_sketched(features[pair[0]], features[pair[1]], settings.count, ratio2)
-    if settings.min_matches <= len(rows) <= MAX_CHECKED_MATCHES and settings.min_distance_consistent > 1:
-        agreeing = consistent(points, pair, rows, AGREEING_M, settings.min_distance_consistent - 1).sum()
-        return rows if agreeing >= settings.min_distance_consistent else None
-    return rows
-
-
-def match_fully(descriptors: Descriptors, pairs: Sequence[Pair], settings: Matching, workers: Workers) -> Matches:
-    """Matches of every pair over its `count` strongest features."""
-
-    shared = descriptors, settings
-    return enough(pairs, workers.spread(_match_fully, shared, pairs, "matching pairs", len(pairs)), settings)
-
-
-def _match_fully(shared: tuple[Descriptors, Matching], pair: Pair) -> Ints:
-    descriptors, settings = shared
-    a, b = (descriptors[k][: settings.count] for k in pair)
-    return match(a, b, settings.ratio)
-
-
-def enough(pairs: Sequence[Pair], found: Iterable[Ints | None], settings: Matching) -> Matches:
-    """The pairs with at least `min_matches` matches: the edges of the overlap graph (paper, section 4)."""
+def match_arrays(matches: Matches) -> dict[str, NDArray[Any]]:
+    """Matches as `pairs` (m, 2), `rows` (k, 2) of all pairs one after the other, and where each pair's `ends` (m,)."""
+    rows = list(matches.values())
     return {
-        pair: rows
-        for pair, rows in zip(pairs, found, strict=True)
-        if rows is not None and len(rows) >= settings.min_matches
+        "pairs": np.array(list(matches), np.int32).reshape(-1, 2),
+        "rows": np.concatenate([*rows, np.zeros((0, 2), int)]).astype(np.int32),
+        "ends": np.cumsum([len(part) for part in rows], dtype=np.int64),
     }
+
+
+def matches_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Matches:
+    """The matches that `match_arrays` was given."""
+    rows = np.split(arrays["rows"].astype(np.int64), arrays["ends"][:-1]) if len(arrays["pairs"]) else []
+    return {(int(i), int(j)): part for (i, j), part in zip(arrays["pairs"], rows, strict=True)}

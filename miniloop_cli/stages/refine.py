@@ -1,49 +1,38 @@
-"""Refined poses as an artefact: what they are made from, and what is kept of them."""
+"""Stage: all poses of the largest component refined together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from miniloop_cli.averaging.components import beginning
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.refinement.inputs import Refined, Scans
-from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, fingerprint
-from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import Edge
+from miniloop_cli.runtime.artifact_store import Arrays
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
+from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.timing import Timing
-from miniloop_cli.stages.serialization import edges_fingerprint
+from miniloop_cli.stages.artifacts import REFINED
+from miniloop_cli.stages.run import Run
 
 
-def refined(
-    poses: Poses, edges: Sequence[Edge], scans: Scans, scans_key: str, settings: Settings, store: Store,
-    workers: Workers,
-) -> Refined:  # fmt: skip
-    """Poses of the largest component refined from the edges used in it; the others as they are.
-
-    `scans_key` names the scans' features. What comes out depends on which edges are believed, not on how they were
-    averaged (`beginning`): a run with other settings that believes the same edges finds it in the store.
-    """
-    count, of_largest = len(poses.component), poses.component == 0
-    inside = [e for e in usable_edges(edges, count) if of_largest[e.i] and of_largest[e.j]]
-    if settings.refine == "none" or not inside:
-        return Refined(poses, np.full((count, 6, 6), np.nan))
-    how = [settings.refine, settings.bundle.model_dump()]
-    stamps = content_fingerprint([scans.stamps_s, scans.depth_stamps_s])
-    key = fingerprint("refined", scans_key, stamps, edges_fingerprint(inside), how)
+def refine(poses: Poses, edges: EdgeTable, scans: ScanSet, method: Refinement, bundle: Bundle, run: Run) -> Refined:
+    """Poses of the largest component, refined from those given and the edges used in it; the others as they are."""
+    inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
+    if method == "none" or not len(inside):
+        return Refined(poses, np.full((len(scans), 6, 6), np.nan))
 
     def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.
-        from miniloop_cli.refinement.joint import refine
+        from miniloop_cli.refinement.joint import refine_jointly
 
-        found = refine(beginning(edges, count), inside, scans, settings, workers)
-        timing = np.array([found.timing.readout_s, found.timing.lag_s])
-        # The last bits depend on how a kernel was compiled; without them a zero has one sign, a point one rounding.
-        T_world_cam = np.round(found.poses.T_world_cam, 12) + 0.0
-        return {"T_world_cam": T_world_cam, "covariance": found.covariance, "timing_s": timing}
+        inputs = Scans(
+            scans.features, scans.points, scans.stamps_s, scans.depth_stamps_s, scans.camera, scans.feature_type
+        )
+        found = refine_jointly(poses, inside, inputs, method, bundle, run.workers)
+        timing_s = np.array([found.timing.readout_s, found.timing.lag_s])
+        return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing_s}
 
-    kept = store.kept("refined", key, make)
-    T_world_cam = np.where(of_largest[:, None, None], kept["T_world_cam"], poses.T_world_cam)
-    return Refined(Poses(T_world_cam, poses.component), kept["covariance"], Timing(*kept["timing_s"].tolist()))
+    key = (scans.key, scans.stamps_s, scans.depth_stamps_s, poses, inside, method, bundle)
+    kept = run.store.cached(REFINED, key, make)
+    timing = Timing(*kept["timing_s"].tolist())
+    return Refined(Poses(kept["T_world_cam"], poses.component), kept["covariance"], timing)

@@ -1,4 +1,4 @@
-"""From matches to verified relative poses: solve the cycles of the graph, then shorter ones, and judge every edge."""
+"""Stage: from matches to judged relative poses, by solving the cycles of the overlap graph, then shorter ones."""
 
 from __future__ import annotations
 
@@ -8,35 +8,42 @@ from itertools import count
 
 import numpy as np
 
-from miniloop_cli.config import Settings, Verification
+from miniloop_cli.config import Estimation, Verification
 from miniloop_cli.graph.cycles import decompose
 from miniloop_cli.graph.edge_pool import Cycle
 from miniloop_cli.graph.overlap import overlap_graph
-from miniloop_cli.ransac.cycle_edges import _unsolved, directed, judged_edge, sides, weakest_last
+from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, unsolved_edge, weakest_last
 from miniloop_cli.ransac.distance_consistency import consistent
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED, WEAK, Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.stages.artifacts import EDGES
+from miniloop_cli.stages.match import match_arrays
+from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Pair
 from miniloop_cli.verification.loop_support import Prediction, agree, pose_graph, predict
 
-MAX_CHECKED_MATCHES = 150  # matches beyond which a pair is not checked for distances: it is hardly ever false
+MAX_CHECKED_MATCHES = 150  # a pair with more is hardly ever false and not checked for distances
 
 
-def promote_by_loops(edge: Edge, loops: Prediction, settings: Verification) -> Edge:
-    """The edge, a weak one verified if loops over verified edges agree with each other and with its pose."""
-    share = edge.inlier_count / max(len(edge.matches), 1)
-    if edge.verdict != WEAK or share < settings.min_share or not loops.credible or not agree(loops.T_j_i, edge.T_j_i):
-        return edge
-    return replace(edge, verdict=VERIFIED, reason=f"{edge.reason}; {loops.agree + 1} loops over verified edges agree")
+def solve_edges(matches: Matches, scans: ScanSet, settings: Estimation, run: Run) -> EdgeTable:
+    """Every edge of the overlap graph, solved in cycles and judged; from the store, or made now."""
+
+    def make() -> dict[str, np.ndarray]:
+        return solve_cycles(matches, scans.points, settings, run.seed, run.workers).arrays()
+
+    inputs = (scans.key, match_arrays(matches), settings, run.seed)
+    return EdgeTable.from_arrays(run.store.cached(EDGES, inputs, make))
 
 
-def solve_edges(
-    matches: Matches, points: Sequence[ScanPoints], settings: Settings, seed: int, workers: Workers
-) -> list[Edge]:
-    """Every edge of the overlap graph, judged, sorted by (i, j).
+def solve_cycles(
+    matches: Matches, points: Sequence[ScanPoints], settings: Estimation, seed: int, workers: Workers
+) -> EdgeTable:
+    """Every edge of the overlap graph, judged.
 
     The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
     not verified there are tried again in a loop over two verified edges; those without loops that agree are decomposed
@@ -46,9 +53,10 @@ def solve_edges(
     """
     solved: dict[Pair, Edge] = {}
     room = _room(matches, points, settings, workers)
-    least = settings.verification.min_weak_inliers
-    for pair in (pair for pair in matches if room[pair] < least):
-        solved[pair] = replace(_unsolved(pair, matches, 2), reason=f"no {least} matches agree in their distances")
+    few, enough = settings.verification.min_weak_inliers, settings.verification.min_inliers
+    for pair in (pair for pair in matches if room[pair] < few):
+        edge = unsolved_edge(pair, matches, 2)
+        solved[pair] = replace(edge, rejection=Rejection.INCONSISTENT_DISTANCES, detail=(few, 0.0))
     numbers = count()
 
     def solve(cycles: Sequence[Cycle], what: str) -> Iterator[list[Edge]]:
@@ -56,13 +64,12 @@ def solve_edges(
         return workers.spread(_solve_cycle, (matches, points, settings, seed), work, what, len(work))
 
     def keep(edge: Edge) -> None:
-        before = solved.get((edge.i, edge.j))
-        if before is None or edge.verdict == VERIFIED or edge.inlier_count > before.inlier_count:
-            solved[edge.i, edge.j] = edge
+        before = solved.get(edge.pair)
+        if before is None or edge.verdict == Verdict.VERIFIED or edge.inlier_count > before.inlier_count:
+            solved[edge.pair] = edge
 
-    possible = [pair for pair in matches if room[pair] >= least]
-    left = [pair for pair in possible if room[pair] >= settings.verification.min_inliers]
-    waiting = [pair for pair in possible if room[pair] < settings.verification.min_inliers]
+    left = [pair for pair in matches if room[pair] >= enough]
+    waiting = [pair for pair in matches if few <= room[pair] < enough]
     for longest in range(settings.cycles.longest, 1, -1):
         taking_part = left + waiting if longest == 2 else left
         graph = overlap_graph(len(points), {pair: matches[pair] for pair in taking_part})
@@ -75,30 +82,35 @@ def solve_edges(
             loops = _verified_loops([pair for pair in left + waiting if pair not in done], solved)
             closed = solve([found.cycle for found in loops.values()], "closing loops")
             for (pair, found), edges in zip(loops.items(), closed, strict=True):
-                keep(
-                    next(
-                        promote_by_loops(edge, found, settings.verification)
-                        for edge in edges
-                        if (edge.i, edge.j) == pair
-                    )
-                )
+                edge = next(edge for edge in edges if edge.pair == pair)
+                keep(promote_by_loops(edge, found, settings.verification))
             # What loops over verified edges do not confirm, shorter cycles and pairs would only find by chance.
             done |= _verified(solved) | {pair for pair, found in loops.items() if found.credible}
         left, waiting = ([pair for pair in pairs if pair not in done] for pairs in (left, waiting))
-    return [solved[pair] for pair in sorted(solved)]
+    return EdgeTable.of(list(solved.values()))
+
+
+def promote_by_loops(edge: Edge, loops: Prediction, settings: Verification) -> Edge:
+    """The edge, a weak one verified if loops over verified edges agree with each other and with its pose."""
+    share = edge.inlier_count / max(len(edge.matches), 1)
+    weak = edge.verdict == Verdict.WEAK and share >= settings.min_share
+    if not weak or not loops.credible or not agree(loops.T_j_i, edge.T_j_i):
+        return edge
+    return replace(edge, verdict=Verdict.VERIFIED, rejection=Rejection.NONE, loops=loops.agree + 1)
 
 
 def _verified(solved: Mapping[Pair, Edge]) -> set[Pair]:
-    return {pair for pair, edge in solved.items() if edge.verdict == VERIFIED}
+    return {pair for pair, edge in solved.items() if edge.verdict == Verdict.VERIFIED}
 
 
 def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[Pair, Prediction]:
     """Of the pairs that have one, the loop over two verified edges through which they are tried again."""
-    graph = pose_graph((e.i, e.j, e.T_j_i, e.inlier_count) for e in solved.values() if e.verdict == VERIFIED)
+    verified = (edge for edge in solved.values() if edge.verdict == Verdict.VERIFIED)
+    graph = pose_graph((edge.i, edge.j, edge.T_j_i, edge.inlier_count) for edge in verified)
     return {pair: found for pair in pairs if (found := predict(graph, pair))}
 
 
-def _room(matches: Matches, points: Sequence[ScanPoints], settings: Settings, workers: Workers) -> dict[Pair, float]:
+def _room(matches: Matches, points: Sequence[ScanPoints], settings: Estimation, workers: Workers) -> dict[Pair, float]:
     """How many inliers each pair can have at all: bounds by sets of matches that agree in their distances.
 
     One of 0 (no `min_weak_inliers`, as most pairs that do not overlap), `min_weak_inliers`, and infinity
@@ -122,7 +134,7 @@ def _room(matches: Matches, points: Sequence[ScanPoints], settings: Settings, wo
 
 
 def _solve_cycle(
-    shared: tuple[Matches, Sequence[ScanPoints], Settings, int], numbered: tuple[int, Cycle]
+    shared: tuple[Matches, Sequence[ScanPoints], Estimation, int], numbered: tuple[int, Cycle]
 ) -> list[Edge]:
     (matches, points, settings, seed), (number, cycle) = shared, numbered
     cycle = weakest_last(cycle, matches)
@@ -131,7 +143,7 @@ def _solve_cycle(
     rng = np.random.default_rng([seed, len(cycle), *cycle])
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
     if result is None:
-        return [_unsolved(pair, matches, len(cycle)) for pair in chain]
+        return [unsolved_edge(pair, matches, len(cycle)) for pair in chain]
     solver, cycle_number = SOLVERS[len(cycle)].name, number if len(cycle) > 2 else -1
     return [
         judged_edge(pair, found, matches, solver, result.hypotheses, settings.verification, cycle_number)

@@ -1,7 +1,7 @@
-"""Scans that match others by outlines only: of things before a wall, where no surface has any texture.
+"""Scans that match others at depth discontinuities only: things before a wall, where no surface has any texture.
 
 What is seen where one thing ends before another lies on either of both, and elsewhere on them when seen from
-elsewhere. A few such matches among many do little harm; where there is little else, they agree well enough to pass for
+elsewhere. A few such matches among many do little harm. Where there is little else, they agree well enough to pass for
 an overlap, and its pose is centimetres off.
 """
 
@@ -11,27 +11,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from miniloop_cli.scene.edge import Edge
-from miniloop_cli.typing import Bools
+from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.typing import Bools, Floats
 
 MAX_SHARE = 0.5  # of a scan's matches, if there are few others; 0.53 to 1 without texture, else 0.05 to 0.35
-MIN_OTHER_MATCHES = 20  # other matches in one overlap: then outlines do not decide
+MIN_OTHER_MATCHES = 20  # other matches in one overlap: then discontinuities do not decide
 
 
-def by_outlines(edges: Sequence[Edge], outline: Sequence[Bools]) -> dict[int, str]:
-    """Scans that the inliers of these edges place by outlines, with this reason; `outline`: of each scan's features."""
-    total, on, others = np.zeros((3, len(outline)), np.int64)
-    for edge in edges:
-        rows = edge.matches[edge.inliers]
-        count = len(rows)
-        on_outline = np.count_nonzero(outline[edge.i][rows[:, 0]] | outline[edge.j][rows[:, 1]])
-        for scan in (edge.i, edge.j):
-            total[scan] += count
-            on[scan] += on_outline
-            others[scan] = max(others[scan], count - on_outline)
-    share = on / np.maximum(total, 1)
-    return {
-        int(scan): f"scan {scan}: {100 * share[scan]:.0f} % of its matches lie on outlines, which move with the "
-        f"view, and no overlap has {MIN_OTHER_MATCHES} others"
-        for scan in np.flatnonzero((share > MAX_SHARE) & (others < MIN_OTHER_MATCHES))
-    }
+def share_on_discontinuities(edges: EdgeTable, outline: Sequence[Bools]) -> Floats:
+    """(n,) share of a scan's inliers that lie where depth jumps, for the scans that these edges place by them; else 0.
+
+    `outline`: of each scan's features, whether depth jumps there.
+    """
+    total, jumps, others = np.zeros((3, len(outline)), np.int64)
+    for edge, pair in enumerate(edges.pairs):
+        rows = edges.inlier_rows(edge)
+        on_jump = np.count_nonzero(outline[pair[0]][rows[:, 0]] | outline[pair[1]][rows[:, 1]])
+        total[pair] += len(rows)
+        jumps[pair] += on_jump
+        others[pair] = np.maximum(others[pair], len(rows) - on_jump)
+    share = jumps / np.maximum(total, 1)
+    return np.where((share > MAX_SHARE) & (others < MIN_OTHER_MATCHES), share, 0.0)

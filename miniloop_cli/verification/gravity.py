@@ -19,8 +19,9 @@ from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, weakest_last
 from miniloop_cli.ransac.gravity_aligned import estimate_upright
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Floats
 
 SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
@@ -38,7 +39,7 @@ def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
     """
     if not edges:
         return np.zeros(0)
-    i, j = pairs_of(edges).T
+    i, j = np.array([edge.pair for edge in edges]).T
     turned = np.einsum("mij,mj->mi", np.array([edge.T_j_i[:3, :3] for edge in edges]), up_cam[i])
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
 
@@ -59,7 +60,11 @@ def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tupl
     right-handed system of axes on another that agree best (a vector that points down instead of up is as good).
     """
     known = np.isfinite(up_sensor).all(axis=1)
-    sure = [e for e in edges if e.verdict == VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]]
+    sure = [
+        e
+        for e in edges
+        if e.verdict == Verdict.VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]
+    ]
     if len(sure) < MIN_SURE_EDGES:
         return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
     axes = _axes()
@@ -90,7 +95,7 @@ def with_gravity(
     inliers they need no loop of edges that confirms them.
     """
     known = np.isfinite(vertical.up_cam).all(axis=1)
-    weak = {(e.i, e.j): e for e in edges if e.verdict != VERIFIED and known[e.i] and known[e.j]}
+    weak = {(e.i, e.j): e for e in edges if e.verdict != Verdict.VERIFIED and known[e.i] and known[e.j]}
     better = dict(weak)
     open_edges = {pair: matches[pair] for pair in weak}
     for longest in range(min(LONGEST, settings.cycles.longest), 1, -1):
@@ -103,7 +108,7 @@ def with_gravity(
             for edge in found:
                 if edge.inlier_count > better[edge.i, edge.j].inlier_count:
                     better[edge.i, edge.j] = edge
-        open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != VERIFIED}
+        open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != Verdict.VERIFIED}
     edges = [better.get((edge.i, edge.j), edge) for edge in edges]
     off = disagreement_deg(edges, vertical.up_cam)
     limit = max(settings.gravity.max_deg, REJECT_FACTOR * vertical.sigma_deg)
@@ -111,13 +116,20 @@ def with_gravity(
 
 
 def _judged(edge: Edge, angle_deg: float, most_deg: float, settings: Gravity) -> Edge:
-    if edge.verdict == REJECTED or np.isnan(angle_deg):
+    if edge.verdict == Verdict.REJECTED or np.isnan(angle_deg):
         return edge
     if angle_deg > most_deg:
-        return replace(edge, verdict=REJECTED, reason=f"contradicts gravity by {angle_deg:.1f} deg")
+        return replace(
+            edge, verdict=Verdict.REJECTED, rejection=Rejection.CONTRADICTS_GRAVITY, detail=(float(angle_deg), 0.0)
+        )
     if angle_deg > settings.agree_deg:
         return edge
-    return replace(edge, verdict=VERIFIED, reason="", confirmed=edge.inlier_count >= settings.min_bridge_inliers)
+    return replace(
+        edge,
+        verdict=Verdict.VERIFIED,
+        rejection=Rejection.NONE,
+        confirmed=edge.inlier_count >= settings.min_bridge_inliers,
+    )
 
 
 def _solve(

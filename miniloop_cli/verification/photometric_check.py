@@ -1,4 +1,4 @@
-"""What is known of the scans beside their matches, to be asked about relative poses."""
+"""Whether two scans look alike where a relative pose lays them over each other: votes of their cells."""
 
 from __future__ import annotations
 
@@ -10,61 +10,49 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.graph.visibility import partners
-from miniloop_cli.runtime.artifact_store import Arrays, Store, content_fingerprint, fingerprint
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.thumbnail import View
-from miniloop_cli.typing import Bools, Floats, Ints, Pair
+from miniloop_cli.typing import Bools, Floats, Ints
 from miniloop_cli.verification.photometric import compare_views
 
 COMPARED_PARTNERS = 5  # scans that each scan of a result is compared with
-PRIOR_CELLS = 10  # cells that are taken to look alike before any is seen: without cells nothing is said
+PRIOR_CELLS = 10  # cells that count as agreeing before any is seen: without cells nothing is decided
 
 
 @dataclass(frozen=True)
 class PhotometricCheck:
-    """Pictures of the scans, their points and camera.
+    """What n scans show beside their matches.
 
-    `outline`: which features of each scan lie on outlines; `step_m` (n,): repetition of each (m), 0 if there is none.
-    Scans that could not be read have no view. Answers are kept in a `store` under the `key` that names the scans.
+    `views`: small pictures, None of scans that could not be read; `outline`: which features of each scan lie where
+    depth jumps; `step_m` (n,): step of the pattern of scans that repeat themselves, 0 of others.
     """
 
     views: Sequence[View | None]
     points: Sequence[ScanPoints]
     outline: Sequence[Bools]
-    step_m: Sequence[float]
+    step_m: Sequence[float] | Floats
     camera: Camera
-    store: Store | None = None
-    key: str = ""
-    _said: dict[tuple[Pair, bytes], tuple[int, int]] = field(default_factory=dict, repr=False)  # asked before
+    _known: dict[bytes, tuple[int, int]] = field(default_factory=dict, repr=False)  # votes of earlier questions
 
-    def votes(self, pairs: Sequence[Pair], T_j_i: Floats) -> Ints:
-        """(m, 2) cells that speak for and against relative poses (m, 4, 4) of pairs (i, j)."""
-        questions = [(pair, T.tobytes()) for pair, T in zip(pairs, T_j_i, strict=True)]
-        new = [k for k, question in enumerate(questions) if question not in self._said]
-        seen = [k for k in new if all(self.views[scan] is not None for scan in pairs[k])]
-        self._said.update(dict.fromkeys((questions[k] for k in new), (0, 0)))
-        answers = self._answers(np.array([pairs[k] for k in seen]).reshape(-1, 2), T_j_i[seen])
-        self._said.update(zip((questions[k] for k in seen), map(tuple, answers), strict=True))
-        return np.array([self._said[question] for question in questions], np.int64).reshape(-1, 2)
+    def votes(self, pairs: Ints, T_j_i: Floats) -> Ints:
+        """(m, 2) cells that agree and that disagree with relative poses (m, 4, 4) of pairs (m, 2); 0 without views."""
+        questions = [pair.tobytes() + T.tobytes() for pair, T in zip(pairs, T_j_i, strict=True)]
+        new = [
+            k
+            for k, question in enumerate(questions)
+            if question not in self._known and all(self.views[scan] is not None for scan in pairs[k])
+        ]
+        compared = compare_views(((self.views[i], self.views[j]) for i, j in pairs[new]), T_j_i[new], self.camera)
+        self._known.update(zip((questions[k] for k in new), compared, strict=True))
+        return np.array([self._known.get(question, (0, 0)) for question in questions], np.int64).reshape(-1, 2)
 
-    def _answers(self, pairs: Ints, T_j_i: Floats) -> list[list[int]]:
-        """For and against, of pairs (m, 2) of scans that have views."""
-
-        def said() -> Arrays:
-            views = ((self.views[i], self.views[j]) for i, j in pairs)
-            return {"said": np.array(compare_views(views, T_j_i, self.camera), np.int64).reshape(-1, 2)}
-
-        key = fingerprint("alike", self.key, content_fingerprint([pairs, T_j_i]))
-        kept = self.store.kept("alike", key, said) if self.store and len(pairs) else said()
-        return kept["said"].tolist()
-
-    def neighbours(self, T_world_cam: Floats, scans: Ints) -> tuple[list[Pair], Floats]:
-        """Pairs of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
-        pairs = partners(T_world_cam, scans, self.points, self.camera, COMPARED_PARTNERS)
-        i, j = np.array(pairs, np.int64).reshape(-1, 2).T
-        return pairs, se3.inverse(T_world_cam[j]) @ T_world_cam[i]
+    def neighbours(self, T_world_cam: Floats, scans: Ints) -> tuple[Ints, Floats]:
+        """Pairs (m, 2) of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
+        pairs = np.array(partners(T_world_cam, scans, self.points, self.camera, COMPARED_PARTNERS), np.int64)
+        i, j = pairs.reshape(-1, 2).T
+        return pairs.reshape(-1, 2), se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 
-def agreement_ratio(said: Ints) -> Floats:
-    """(..., 2) cells for and against to the share (...) that is for, PRIOR_CELLS among them; 1 where there are none."""
-    return (said[..., 0] + PRIOR_CELLS) / (said.sum(axis=-1) + PRIOR_CELLS)
+def agreement_ratio(votes: Ints) -> Floats:
+    """(..., 2) cells that agree and disagree to the share (...) that agrees, PRIOR_CELLS among them."""
+    return (votes[..., 0] + PRIOR_CELLS) / (votes.sum(axis=-1) + PRIOR_CELLS)

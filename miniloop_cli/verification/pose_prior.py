@@ -16,9 +16,10 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.graph.visibility import in_view
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.typing import Floats, Pair
+from miniloop_cli.scene.verdict import Rejection
+from miniloop_cli.typing import Bools, Floats, Pair
 
 NEIGHBOURS = 3  # frames after each frame that are compared whatever the poses say
 MIN_SHARE = 0.1  # of the points of a scan that must be in view of another
@@ -58,42 +59,32 @@ def _widened(camera: Camera, slack_rad: float) -> Camera:
     )
 
 
-def reject_by_pose_prior(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> list[Edge]:
-    """The edges, those rejected that contradict the rough poses beyond the tolerance, the others confirmed by them.
+def reject_by_pose_prior(edges: EdgeTable, T_world_cam: Floats, settings: PosePrior) -> EdgeTable:
+    """Reject edges that contradict the prior beyond the tolerance; the others with enough inliers are confirmed by it.
 
-    Raises InputError where most of the edges that are sure by themselves contradict the poses.
+    Raises InputError where most of the edges that are sure by themselves contradict the prior.
     """
     _require_agreement(edges, T_world_cam, settings)
-    off = _off(edges, T_world_cam)
-    return [_judged(edge, *row, settings) for edge, row in zip(edges, off, strict=True)]
+    angle_deg, distance_m = _off(edges, T_world_cam).T
+    off = (angle_deg > settings.max_deg) | (distance_m > settings.max_m)
+    agrees = edges.open & np.isfinite(angle_deg) & ~off & (edges.inlier_count >= settings.min_bridge_inliers)
+    judged = edges.reject(off, Rejection.CONTRADICTS_POSE_PRIOR, angle_deg, distance_m)
+    return replace(judged, confirmed=judged.confirmed | agrees)
 
 
-def _judged(edge: Edge, angle_deg: float, distance_m: float, settings: PosePrior) -> Edge:
-    if edge.verdict == REJECTED or np.isnan(angle_deg):
-        return edge
-    if angle_deg > settings.max_deg or distance_m > settings.max_m:
-        reason = f"contradicts the rough poses by {angle_deg:.0f} deg, {distance_m:.2f} m"
-        return replace(edge, verdict=REJECTED, reason=reason)
-    return replace(edge, confirmed=edge.confirmed or edge.inlier_count >= settings.min_bridge_inliers)
-
-
-def _off(edges: Sequence[Edge], T_world_cam: Floats) -> Floats:
+def _off(edges: EdgeTable, T_world_cam: Floats) -> Floats:
     """(m, 2) degrees and metres between edges and poses; NaN where there is no pose."""
-    if not edges:
-        return np.zeros((0, 2))
-    i, j = pairs_of(edges).T
-    off = np.full((len(edges), 2), np.nan)
+    i, j, off = edges.i, edges.j, np.full((len(edges), 2), np.nan)
     known = np.isfinite(T_world_cam[i]).all(axis=(1, 2)) & np.isfinite(T_world_cam[j]).all(axis=(1, 2))
-    expected = se3.inverse(T_world_cam[j[known]]) @ T_world_cam[i[known]]
-    found = np.array([edge.T_j_i for edge in edges])[known]
+    expected, found = se3.inverse(T_world_cam[j[known]]) @ T_world_cam[i[known]], edges.T_j_i[known]
     off[known, 0] = se3.rotation_angle_deg(expected[:, :3, :3] @ np.swapaxes(found[:, :3, :3], 1, 2))
     off[known, 1] = np.linalg.norm(expected[:, :3, 3] - found[:, :3, 3], axis=1)
     return off
 
 
-def _require_agreement(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> None:
+def _require_agreement(edges: EdgeTable, T_world_cam: Floats, settings: PosePrior) -> None:
     """Edges that are sure and move so much that wrong poses would show."""
-    sure = [edge for edge in edges if edge.verdict == VERIFIED and edge.inlier_count >= SURE_INLIERS and _tells(edge)]
+    sure = edges.subset(edges.verified & (edges.inlier_count >= SURE_INLIERS) & _tells(edges))
     share = _agreeing(sure, T_world_cam, settings)
     if len(sure) < MIN_SURE or not share < MIN_AGREEING:
         return
@@ -105,18 +96,18 @@ def _require_agreement(edges: Sequence[Edge], T_world_cam: Floats, settings: Pos
     best = max(others, key=lambda name: _agreeing(sure, others[name], settings))
     hint = f"they would agree as {best}; " if _agreeing(sure, others[best], settings) > MIN_AGREEING else ""
     raise InputError(
-        f"the rough poses contradict {100 * (1 - share):.0f} % of {len(sure)} sure edges by more than "
+        f"the pose prior contradicts {100 * (1 - share):.0f} % of {len(sure)} sure edges by more than "
         f"{settings.max_deg:g} deg or {settings.max_m:g} m; {hint}expected are metres, camera to world, camera axes "
         "x right, y down, z forward (or widen pose_prior.max_deg, pose_prior.max_m)"
     )
 
 
-def _tells(edge: Edge) -> bool:
-    angle = float(se3.rotation_angle_deg(edge.T_j_i[:3, :3]))
-    return angle > 10 or float(np.linalg.norm(edge.T_j_i[:3, 3])) > 0.3
+def _tells(edges: EdgeTable) -> Bools:
+    """(m,) whether an edge moves so much that a wrong prior shows."""
+    return (se3.rotation_angle_deg(edges.T_j_i[:, :3, :3]) > 10) | (np.linalg.norm(edges.T_j_i[:, :3, 3], axis=1) > 0.3)
 
 
-def _agreeing(edges: Sequence[Edge], T_world_cam: Floats, settings: PosePrior) -> float:
+def _agreeing(edges: EdgeTable, T_world_cam: Floats, settings: PosePrior) -> float:
     off = _off(edges, T_world_cam)
     off = off[np.isfinite(off).all(axis=1)]
     return float((off <= [settings.max_deg, settings.max_m]).all(axis=1).mean()) if len(off) else np.nan

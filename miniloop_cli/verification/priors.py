@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 from miniloop_cli.config import Settings
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.verification.gravity import checked, with_gravity
 from miniloop_cli.verification.pose_prior import reject_by_pose_prior
 
@@ -17,30 +18,30 @@ LOG = logging.getLogger("miniloop")
 
 
 def apply_priors(
-    edges: list[Edge],
+    edges: EdgeTable,
     priors: Priors,
     matches: Matches,
     points: Sequence[ScanPoints],
     settings: Settings,
     seed: int,
     workers: Workers,
-) -> tuple[list[Edge], tuple[str, ...]]:
+) -> tuple[EdgeTable, tuple[str, ...]]:
     """The edges after gravity and rough poses, where they were given, and what is to be said of it.
 
     Raises InputError for rough poses that most edges contradict.
     """
     notes = []
     if priors.up_sensor is not None:
-        vertical, note = checked(edges, priors.up_sensor, settings.gravity)
+        vertical, note = checked(edges.edges(), priors.up_sensor, settings.gravity)
         notes.append(note)
         if vertical is None:
             LOG.warning("%s", note)
         else:
             LOG.info("%s", note)
-            edges = with_gravity(edges, vertical, matches, points, settings, seed, workers)
+            edges = EdgeTable.of(with_gravity(edges.edges(), vertical, matches, points, settings, seed, workers))
     if priors.T_world_cam is not None:
         edges = reject_by_pose_prior(edges, priors.T_world_cam, settings.pose_prior)
-        against = sum("rough poses" in edge.reason for edge in edges)
-        notes.append(f"rough poses are used: {against} edges contradict them")
+        against = int((edges.rejection == Rejection.CONTRADICTS_POSE_PRIOR).sum())
+        notes.append(f"pose prior is used: {against} edges contradict them")
         LOG.info("%s", notes[-1])
     return edges, tuple(notes)

@@ -7,11 +7,9 @@ of these lie apart by one rigid motion, a step of the pattern.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Ransac
 from miniloop_cli.features.detect import compact
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
@@ -19,6 +17,7 @@ from miniloop_cli.ransac.matches import edge_matches
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.scan_set import ScanSet
 
 COUNT = 500  # strongest features that are looked at
 APART = 0.04  # of the width of the image: doubles, not one feature found twice
@@ -27,25 +26,24 @@ MIN_DOUBLES = 0.33  # share of the features that have one; the fit below tells p
 MIN_FIT, MIN_INLIERS = 0.06, 12  # of them under one motion, as a share of the features and in number
 
 
-def steps_m(
-    features: Sequence[ScanFeatures], points: Sequence[ScanPoints], width_px: int, settings: Settings, workers: Workers
-) -> list[float]:
-    """`step_m` of every scan; zeros where the settings ask for no such check."""
-    if settings.averaging.min_photo_consistency == 0:
-        return [0.0] * len(features)
+def pattern_steps_m(scans: ScanSet, ransac: Ransac, chi2: float, workers: Workers) -> list[float]:
+    """`pattern_step_m` of every scan."""
 
     def one(scan: int) -> float:
-        return step_m(features[scan], points[scan], width_px, settings)
+        features, points = scans.features[scan], scans.points[scan]
+        return pattern_step_m(features, points, scans.camera.width, scans.feature_type, ransac, chi2)
 
-    return list(workers.map(one, range(len(features)), "looking for repetition", len(features)))
+    return list(workers.map(one, range(len(scans)), "looking for repetition", len(scans)))
 
 
-def step_m(features: ScanFeatures, points: ScanPoints, width_px: int, settings: Settings) -> float:
+def pattern_step_m(
+    features: ScanFeatures, points: ScanPoints, width_px: int, feature_type: str, ransac: Ransac, chi2: float
+) -> float:
     """How far the scan must be moved to fit itself (m); 0 if it does not repeat."""
     count = min(features.with_depth, COUNT)
     if count < MIN_INLIERS:
         return 0.0
-    descriptors, scale = compact(features.descriptors[:count], settings.features.type)
+    descriptors, scale = compact(features.descriptors[:count], feature_type)
     real = descriptors.astype(np.float32)
     norm2 = np.einsum("ij,ij->i", real, real)
     distance2 = (norm2[:, None] + norm2 - 2 * real @ real.T) / np.float32(scale)
@@ -57,7 +55,7 @@ def step_m(features: ScanFeatures, points: ScanPoints, width_px: int, settings: 
     if len(rows) < max(MIN_DOUBLES * count, MIN_INLIERS):
         return 0.0
     matches = edge_matches([points, points], (0, 1), np.stack([rows, double[rows]], axis=1))
-    found = estimate([matches], settings.ransac, settings.verification.chi2, np.random.default_rng(0))
+    found = estimate([matches], ransac, chi2, np.random.default_rng(0))
     if found is None:
         return 0.0
     fit = found.edges[0]

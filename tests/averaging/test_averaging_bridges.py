@@ -5,7 +5,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
+from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.scene.view_graph import bridges, components
 from miniloop_cli.verification.gating import reject_unsupported_bridges
 
@@ -25,9 +26,10 @@ def test_as_networkx_finds_them(edges):
 
 def test_a_lone_edge_of_few_inliers_falls_and_one_in_a_loop_stands():
     edges = [
-        Edge(i, j, np.zeros((30, 2), int), np.arange(30) < inliers, verdict=VERIFIED)
+        Edge(i, j, np.zeros((30, 2), int), np.arange(30) < inliers, verdict=Verdict.VERIFIED)
         for i, j, inliers in ((0, 1, 30), (0, 2, 12), (1, 2, 12), (2, 3, 12), (3, 4, 30))
     ]
-    judged = reject_unsupported_bridges(edges, 5, 20)
-    assert [edge.verdict == REJECTED for edge in judged] == [False, False, False, True, False]
-    assert judged[3].reason == "12 inliers, and no loop confirms it"
+    judged = reject_unsupported_bridges(EdgeTable.of(edges), 5, 20)
+    assert judged.open.tolist() == [True, True, True, False, True]
+    assert judged.rejection[3] == Rejection.UNSUPPORTED_BRIDGE
+    assert judged.reasons()[3] == "12 inliers, and no loop confirms it"

@@ -15,7 +15,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.page import write_report
-from miniloop_cli.results.assessment import FAILED, GOOD, PARTLY, judge, runs
+from miniloop_cli.results.assessment import Level, judge, runs
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.ply import read_ply, write_ply
 from miniloop_cli.runtime.artifact_store import Store
@@ -168,17 +168,17 @@ def test_a_broken_image_leaves_out_its_pictures_only(run):
 
 
 def test_verdicts(run):
-    assert judge(load(run.results)).level == PARTLY
+    assert judge(load(run.results)).level == Level.DOUBTFUL
     text = (run.results / "frames.csv").read_text()
     (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
-    assert judge(load(run.results)).level == GOOD
+    assert judge(load(run.results)).level == Level.GOOD
     (run.results / "frames.csv").write_text(text.replace(",1,0,", ",0,-1,"))
-    assert judge(load(run.results)).level == FAILED
+    assert judge(load(run.results)).level == Level.BAD
     (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
     edges = (run.results / "edges.csv").read_text().replace("verified,,0.", "verified,,9.")
     (run.results / "edges.csv").write_text(edges)
     verdict = judge(load(run.results))
-    assert verdict.level == PARTLY
+    assert verdict.level == Level.DOUBTFUL
     assert "doubtful" in verdict.headline
     assert any("depth_scale" in advice for advice in verdict.advice)
 
@@ -187,11 +187,11 @@ def test_poses_far_from_the_ground_truth_did_not_simply_work(run):
     frames = run.results / "frames.csv"
     frames.write_text(frames.read_text().replace(",0,-1,", ",1,0,"))
     data, poses = load(run.results), load(run.results).results.trajectory
-    assert judge(data, evaluate(poses, poses)).level == GOOD
+    assert judge(data, evaluate(poses, poses)).level == Level.GOOD
     T = poses.T_world_cam.copy()
     T[:, :3, 3] *= 1.2  # as a wrong depth scale makes them, which nothing else shows
     verdict = judge(data, evaluate(Trajectory(poses.timestamps_s, T), poses))
-    assert verdict.level == PARTLY
+    assert verdict.level == Level.DOUBTFUL
     assert verdict.headline.startswith("It worked, but the ground truth contradicts the poses")
 
 

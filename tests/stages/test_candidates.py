@@ -8,7 +8,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.features.lsh_match import sketch
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.stages.match import listed_pairs, match_fully, match_quickly
+from miniloop_cli.stages.candidates import listed_pairs, match_fully, match_quickly
 
 WORKERS = Workers(1)
 

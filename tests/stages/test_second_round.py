@@ -1,6 +1,7 @@
 """The second round finds the pairs that failed where poses are right, and nothing where they are wrong."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,11 +10,14 @@ from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
+from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
-from miniloop_cli.scene.points import scan_points
 from miniloop_cli.scene.poses import Poses
-from miniloop_cli.stages.guided_matching import match_guided, replace_edges
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.stages.guided_matching import match_again
 
 CAMERA = Camera(525, 525, 319.5, 239.5, 640, 480)
 
@@ -42,44 +46,44 @@ def scans():
                 (look + noise)[order],
             )
         )
-    return features, [scan_points(found, CAMERA) for found in features], T_world_cam
+    extracted = [ExtractedScan(found, None, 1.0, 2.0, str(k)) for k, found in enumerate(features)]
+    return ScanSet(Sequence("four", Path(), CAMERA, ()), extracted, "rootsift", "four"), T_world_cam
 
 
 def failed(i, j):
     """An edge of the first round with too few inliers."""
-    reason = "2 inliers of 12 matches"
-    return Edge(i, j, np.zeros((12, 2), np.int64), np.zeros(12, bool), verdict=REJECTED, reason=reason)
+    rows = np.zeros((12, 2), np.int64)
+    return Edge(i, j, rows, np.zeros(12, bool), rejection=Rejection.FEW_INLIERS, detail=(2, 12))
 
 
 def again(edges, T_world_cam, scans, component=(0, 0, 0, 0)):
-    features, points, _ = scans
-    poses = Poses(T_world_cam, np.array(component))
-    found = match_guided(edges, poses, features, points, CAMERA, Settings(), Workers(1))
-    return {(e.i, e.j): e for e in replace_edges(edges, found)}
+    poses, settings, table = Poses(T_world_cam, np.array(component)), Settings(), EdgeTable.of(edges)
+    found = match_again(poses, table, scans[0], settings.estimation, settings.bundle, 12, Workers(1))
+    return {edge.pair: edge for edge in table.replaced(found).edges()}
 
 
 def test_failed_and_missing_pairs_are_verified_by_right_poses(scans):
-    T = scans[2]
+    T = scans[1]
     found = again([failed(0, 1)], T, scans)
     assert sorted(found) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
     for (i, j), edge in found.items():
-        assert (edge.verdict, edge.solver) == (VERIFIED, "guided")
+        assert (edge.verdict, edge.solver) == (Verdict.VERIFIED, "guided")
         off = se3.inverse(T[j]) @ T[i] @ se3.inverse(edge.T_j_i)
         assert se3.rotation_angle_deg(off[:3, :3]) < 0.2
         assert np.linalg.norm(off[:3, 3]) < 0.01
 
 
 def test_verified_edges_and_other_components_are_left_alone(scans):
-    kept = replace(failed(0, 1), verdict=VERIFIED, reason="")
-    found = again([kept, failed(0, 3)], scans[2], scans, component=(0, 0, 0, 1))
-    assert found[0, 1] is kept
-    assert found[0, 3].verdict == REJECTED
+    kept = replace(failed(0, 1), verdict=Verdict.VERIFIED, rejection=Rejection.NONE)
+    found = again([kept, failed(0, 3)], scans[1], scans, component=(0, 0, 0, 1))
+    assert len(found[0, 1].matches) == 12 and found[0, 1].solver == kept.solver
+    assert found[0, 3].verdict == Verdict.REJECTED
     assert sorted(found) == [(0, 1), (0, 2), (0, 3), (1, 2)]
 
 
 def test_wrong_poses_verify_nothing(scans):
-    T = scans[2].copy()
+    T = scans[1].copy()
     T[3] = T[3] @ se3.pose(se3.exp_so3(np.array([0.0, 0.0, 0.15])), np.array([0.15, -0.1, 0.2]))
     found = again([failed(0, 3), failed(1, 3)], T, scans)
-    assert {pair for pair, edge in found.items() if edge.verdict == VERIFIED} == {(0, 1), (0, 2), (1, 2)}
-    assert found[0, 3].reason == "2 inliers of 12 matches"
+    assert {pair for pair, edge in found.items() if edge.verdict == Verdict.VERIFIED} == {(0, 1), (0, 2), (1, 2)}
+    assert found[0, 3].rejection == Rejection.FEW_INLIERS

@@ -6,8 +6,9 @@ import pytest
 from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.pose_rows import rows
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
-from miniloop_cli.stages.average import average
+from miniloop_cli.scene.edge import Edge, EdgeTable
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.verification.consensus import average_verified
 from miniloop_cli.verification.triangles import doubtful
 
 NEAR = (float(np.cos(np.radians(5) / 2)), 0.1**2)
@@ -27,14 +28,17 @@ def test_true_edges_come_back(share, seed):
     graph = view_graph("video", 40, 300, share, 0.3, 0.005, np.random.default_rng(seed))
     inliers = np.ones(50, bool)
     edges = [
-        Edge(int(i), int(j), np.zeros((50, 2), int), inliers, T, 1e4 * np.eye(6), verdict=VERIFIED)
+        Edge(int(i), int(j), np.zeros((50, 2), int), inliers, T, 1e4 * np.eye(6), verdict=Verdict.VERIFIED)
         for (i, j), T in zip(graph.pairs, graph.T_j_i, strict=True)
     ]
-    poses, judged = average(edges, 40, Averaging())
-    rejected = np.array([edge.verdict == REJECTED for edge in judged])
+    table = EdgeTable.of(edges)
+    order = np.lexsort(graph.pairs.T[::-1])
+    false = graph.false[order]
+    poses, judged = average_verified(table, 40, Averaging())
+    rejected = ~judged.open
     assert (poses.component == 0).all()
-    assert rejected[graph.false].all() and not rejected[~graph.false].any()
-    assert all("contradicts the others" in edge.reason for edge in judged if edge.verdict == REJECTED)
+    assert rejected[false].all() and not rejected[~false].any()
+    assert (judged.rejection[rejected] == Rejection.CONTRADICTS_POSES).all()
 
 
 def test_nothing_goes_out_where_nothing_is_sure():

@@ -9,14 +9,15 @@ from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.gravity_aligned import estimate_upright, upright_rotations
 from miniloop_cli.ransac.matches import EdgeMatches
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.verification.gravity import Vertical, checked, disagreement_deg, with_gravity
 
 SCANS = 6
 
 
-def edge(i, j, T, inliers=40, verdict=VERIFIED):
+def edge(i, j, T, inliers=40, verdict=Verdict.VERIFIED):
     return Edge(i, j, np.zeros((inliers, 2), int), np.ones(inliers, bool), T, np.eye(6), verdict=verdict)
 
 
@@ -77,19 +78,25 @@ def test_edges_are_judged(world, rng):
     T = [e.T_j_i for e in edges]
     given = [
         edge(0, 1, turn @ T[0], 40),
-        edge(0, 2, T[1], 9, WEAK),
-        edge(0, 3, T[2], 6, WEAK),
+        edge(0, 2, T[1], 9, Verdict.WEAK),
+        edge(0, 3, T[2], 6, Verdict.WEAK),
         edge(0, 4, T[3], 12),
-        edge(0, 5, np.eye(4), 3, REJECTED),
+        edge(0, 5, np.eye(4), 3, Verdict.REJECTED),
     ]
     points = [ScanPoints(rng.normal(size=(50, 3)), np.tile(1e-6 * np.eye(3), (50, 1, 1)))] * SCANS
     matches = {(e.i, e.j): e.matches for e in given}
     found = with_gravity(given, Vertical(up, 1.0), matches, points, Settings(), 0, Workers(1))
-    assert [e.verdict for e in found] == [REJECTED, VERIFIED, VERIFIED, VERIFIED, REJECTED]
+    assert [e.verdict for e in found] == [
+        Verdict.REJECTED,
+        Verdict.VERIFIED,
+        Verdict.VERIFIED,
+        Verdict.VERIFIED,
+        Verdict.REJECTED,
+    ]
     assert [e.confirmed for e in found] == [False, True, False, True, False]
-    assert found[0].reason == "contradicts gravity by 17.2 deg"
+    assert found[0].rejection.sentence(*found[0].detail) == "contradicts gravity by 17.2 deg"
     shaken = with_gravity(given, Vertical(up, 5.0), matches, points, Settings(), 0, Workers(1))
-    assert shaken[0].verdict == VERIFIED  # from a hand that shakes so, 17 degrees say nothing
+    assert shaken[0].verdict == Verdict.VERIFIED  # from a hand that shakes so, 17 degrees say nothing
 
 
 @pytest.mark.parametrize("scans", [2, 3, 4])

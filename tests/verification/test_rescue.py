@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.config import Verification
+from miniloop_cli.config import Settings, Verification
 from miniloop_cli.geometry import se3
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
+from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.stages.solve_edges import promote_by_loops, solve_edges
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.stages.solve_edges import promote_by_loops, solve_cycles
 from miniloop_cli.verification.loop_support import AGREE_DEG, AGREE_M, Prediction, agree, pose_graph, predict
 
 
@@ -58,18 +59,20 @@ def test_agreement_has_limits():
 @pytest.mark.parametrize(
     ("inliers", "verdict", "agreeing", "off_m", "expected"),
     [
-        (7, WEAK, 2, 0.0, VERIFIED),
-        (7, WEAK, 0, 0.0, WEAK),  # nothing else says so
-        (7, WEAK, 2, 0.2, WEAK),  # loops say something else
-        (5, REJECTED, 2, 0.0, REJECTED),
+        (7, Verdict.WEAK, 2, 0.0, Verdict.VERIFIED),
+        (7, Verdict.WEAK, 0, 0.0, Verdict.WEAK),  # nothing else says so
+        (7, Verdict.WEAK, 2, 0.2, Verdict.WEAK),  # loops say something else
+        (5, Verdict.REJECTED, 2, 0.0, Verdict.REJECTED),
     ],
 )
 def test_only_weak_edges_that_agree_are_vouched_for(inliers, verdict, agreeing, off_m, expected):
-    edge = Edge(0, 1, np.zeros((20, 2), int), np.arange(20) < inliers, verdict=verdict, reason="few inliers")
+    edge = Edge(0, 1, np.zeros((20, 2), int), np.arange(20) < inliers, verdict=verdict, rejection=Rejection.FEW_INLIERS)
     loops = Prediction((0, 2, 1), se3.pose(np.eye(3), np.array([off_m, 0, 0])), 2, agreeing)
     found = promote_by_loops(edge, loops, Verification())
     assert found.verdict == expected
-    assert found.reason == ("few inliers; 3 loops over verified edges agree" if expected == VERIFIED else "few inliers")
+    assert (found.loops, found.rejection) == (
+        (3, Rejection.NONE) if expected == Verdict.VERIFIED else (0, Rejection.FEW_INLIERS)
+    )
 
 
 def few_matches(rng, true, chance):
@@ -100,12 +103,13 @@ def test_seven_true_matches_are_enough_where_loops_agree(seed):
     T, points, matches = few_matches(np.random.default_rng(seed), 7, 13)
 
     def edge(*overrides):
-        edges = solve_edges(matches, points, load_settings(overrides=overrides), 0, Workers(1))
-        return next(e for e in edges if (e.i, e.j) == (0, 1))
+        edges = solve_cycles(matches, points, load_settings(overrides=overrides).estimation, 0, Workers(1))
+        assert edges.edge(0).pair == (0, 1)
+        return edges.edge(0), edges.reasons()[0]
 
-    assert edge("cycles.loop_support=false").verdict != VERIFIED
-    found = edge()
-    assert found.verdict == VERIFIED and found.reason == "7 inliers of 20 matches; 3 loops over verified edges agree"
+    assert edge("cycles.loop_support=false")[0].verdict != Verdict.VERIFIED
+    found, reason = edge()
+    assert found.verdict == Verdict.VERIFIED and reason == "7 inliers of 20 matches; 3 loops over verified edges agree"
     E = se3.inverse(found.T_j_i) @ relative(T, 0, 1)
     assert se3.rotation_angle_deg(E[:3, :3]) < 0.5 and np.linalg.norm(E[:3, 3]) < 0.01
     assert found.inliers[:7].all() and found.solver == "cycle3"
@@ -114,13 +118,12 @@ def test_seven_true_matches_are_enough_where_loops_agree(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_chance_matches_are_never_vouched_for(seed):
     _, points, matches = few_matches(np.random.default_rng(seed), 0, 25)
-    edges = solve_edges(matches, points, load_settings(), 0, Workers(1))
-    assert [e.verdict == VERIFIED for e in edges] == [False] + [True] * 9
+    edges = solve_cycles(matches, points, Settings().estimation, 0, Workers(1))
+    assert edges.verified.tolist() == [False] + [True] * 9
 
 
 def test_the_number_of_jobs_changes_nothing():
     _, points, matches = few_matches(np.random.default_rng(9), 7, 13)
-    one, two = (solve_edges(matches, points, load_settings(), 0, Workers(jobs)) for jobs in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        assert (a.verdict, a.reason, a.cycle, a.solver) == (b.verdict, b.reason, b.cycle, b.solver)
-        assert a.T_j_i.tobytes() == b.T_j_i.tobytes() and (a.inliers == b.inliers).all()
+    one, two = (solve_cycles(matches, points, Settings().estimation, 0, Workers(jobs)) for jobs in (1, 2))
+    for name, column in one.arrays().items():
+        assert column.tobytes() == two.arrays()[name].tobytes(), name

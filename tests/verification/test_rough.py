@@ -1,5 +1,7 @@
 """Rough poses: which pairs they name, which edges they exclude, and poses given in other conventions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.verification.pose_prior import OPENGL, pairs_by_pose_prior, reject_by_pose_prior
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0)
@@ -27,8 +30,9 @@ def turn(rng):
     edges = []
     for i in range(SCANS):
         for j in range(i + 1, min(i + 4, SCANS)):
-            edges.append(Edge(i, j, np.zeros((30, 2), int), np.ones(30, bool), se3.inverse(T[j]) @ T[i]))
-    return T, points, [Edge(**{**e.__dict__, "verdict": VERIFIED}) for e in edges]
+            T_j_i = se3.inverse(T[j]) @ T[i]
+            edges.append(Edge(i, j, np.zeros((30, 2), int), np.ones(30, bool), T_j_i, verdict=Verdict.VERIFIED))
+    return T, points, edges
 
 
 def test_pairs_that_may_overlap(turn):
@@ -53,19 +57,19 @@ def test_a_frame_without_a_pose_is_compared_with_all(turn):
 def test_edges_are_judged(turn):
     T, _, edges = turn
     shift = se3.pose(np.eye(3), np.array([0.8, 0, 0]))
-    edges[0] = Edge(**{**edges[0].__dict__, "T_j_i": shift @ edges[0].T_j_i})
-    edges[1] = Edge(**{**edges[1].__dict__, "inliers": np.arange(30) < 7})
-    judged = reject_by_pose_prior(edges, T, PosePrior())
-    assert judged[0].verdict == REJECTED
-    assert judged[0].reason == "contradicts the rough poses by 0 deg, 0.80 m"
-    assert all(edge.verdict == VERIFIED for edge in judged[1:])
-    assert [edge.confirmed for edge in judged[:3]] == [False, False, True]
+    edges[0] = replace(edges[0], T_j_i=shift @ edges[0].T_j_i)
+    edges[1] = replace(edges[1], inliers=np.arange(30) < 7)
+    judged = reject_by_pose_prior(EdgeTable.of(edges), T, PosePrior())
+    assert judged.verified.tolist() == [False] + [True] * (len(edges) - 1)
+    assert judged.rejection[0] == Rejection.CONTRADICTS_POSE_PRIOR
+    assert judged.reasons()[0] == "contradicts the pose prior by 0 deg, 0.80 m"
+    assert judged.confirmed[:3].tolist() == [False, False, True]
 
 
 def test_another_world_is_as_good(turn, rng):
     T, _, edges = turn
     moved = se3.pose(se3.exp_so3(np.array([1.0, 2.0, 0.5])), np.array([10.0, -5, 3])) @ T
-    assert all(edge.verdict == VERIFIED for edge in reject_by_pose_prior(edges, moved, PosePrior()))
+    assert reject_by_pose_prior(EdgeTable.of(edges), moved, PosePrior()).verified.all()
 
 
 @pytest.mark.parametrize(
@@ -80,4 +84,4 @@ def test_another_world_is_as_good(turn, rng):
 def test_other_conventions_are_recognised(turn, given, said):
     T, _, edges = turn
     with pytest.raises(InputError, match=said):
-        reject_by_pose_prior(edges, given(T), PosePrior(max_deg=5, max_m=0.2))
+        reject_by_pose_prior(EdgeTable.of(edges), given(T), PosePrior(max_deg=5, max_m=0.2))

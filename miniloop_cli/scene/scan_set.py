@@ -1,0 +1,60 @@
+"""All scans of a recording, with what was extracted from each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.points import ScanPoints, scan_points
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.thumbnail import View
+from miniloop_cli.typing import Floats
+
+
+@dataclass(frozen=True)
+class ScanSet:
+    """n scans of one sequence; `feature_type`: what their descriptors are; `key` names them and how they were made."""
+
+    sequence: Sequence
+    extracted: Many[ExtractedScan]
+    feature_type: str
+    key: str
+
+    def __len__(self) -> int:
+        return len(self.extracted)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of all scans."""
+        return self.sequence.camera
+
+    @cached_property
+    def features(self) -> list[ScanFeatures]:
+        """Features of each scan."""
+        return [scan.features for scan in self.extracted]
+
+    @cached_property
+    def points(self) -> list[ScanPoints]:
+        """Features with depth of each scan, in space."""
+        return [scan_points(features, self.camera) for features in self.features]
+
+    @property
+    def thumbnails(self) -> list[View | None]:
+        """Small picture of each scan; None of those that could not be read."""
+        return [scan.view for scan in self.extracted]
+
+    @property
+    def stamps_s(self) -> Floats:
+        """(n,) colour stamps."""
+        return np.array([frame.timestamp_s for frame in self.sequence.frames])
+
+    @property
+    def depth_stamps_s(self) -> Floats:
+        """(n,) depth stamps; those of colour where depth has none of its own."""
+        return np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in self.sequence.frames])

@@ -1,0 +1,69 @@
+"""What became of an edge: its verdict, and why it was not believed."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Verdict(IntEnum):
+    """VERIFIED edges carry the poses; WEAK ones have few inliers and serve only scans that need them."""
+
+    VERIFIED = 0
+    WEAK = 1
+    REJECTED = 2
+
+    @property
+    def label(self) -> str:
+        """As in edges.csv: "verified", "weak", "rejected"."""
+        return self.name.lower()
+
+
+class Rejection(IntEnum):
+    """Why an edge is not verified. Each takes two numbers of its own, `a` and `b` (see `sentence`)."""
+
+    NONE = 0
+    FEW_INLIERS = 1  # a: inliers, b: matches
+    INCONSISTENT_DISTANCES = 2  # a: matches that would have to agree
+    NO_HYPOTHESIS = 3
+    UNSUPPORTED_BRIDGE = 4  # a: inliers
+    REPETITION = 5  # a: step of the pattern (m)
+    DEPTH_DISCONTINUITIES = 6  # a: scan, b: share of its matches on them
+    LOOKS_DIFFERENT = 7  # a: share of what both scans see that agrees
+    UNCLOSED_TRIANGLES = 8
+    CONTRADICTS_POSES = 9  # a: degrees, b: metres
+    MOVING_COMPONENT = 10  # a: share that agrees, b: scans of the component
+    SCAN_LOOKS_DIFFERENT = 11  # a: scan, b: share that agrees
+    MOSTLY_MOVING = 12  # a: scans that are not one world
+    CONTRADICTS_GRAVITY = 13  # a: degrees
+    CONTRADICTS_POSE_PRIOR = 14  # a: degrees, b: metres
+
+    @property
+    def label(self) -> str:
+        """As in edges.csv: "looks_different", ...; "" where there is none."""
+        return self.name.lower() if self else ""
+
+    def sentence(self, a: float, b: float) -> str:
+        """The reason in words."""
+        return _SENTENCES[self].format(a=a, b=b, a_percent=100 * a, b_percent=100 * b, b_cm=100 * b)
+
+
+_SENTENCES = {
+    Rejection.NONE: "",
+    Rejection.FEW_INLIERS: "{a:.0f} inliers of {b:.0f} matches",
+    Rejection.INCONSISTENT_DISTANCES: "no {a:.0f} matches agree in their distances",
+    Rejection.NO_HYPOTHESIS: "no hypothesis fits the matches",
+    Rejection.UNSUPPORTED_BRIDGE: "{a:.0f} inliers, and no loop confirms it",
+    Rejection.REPETITION: "both scans repeat themselves (every {a:.2f} m): it may be another part",
+    Rejection.DEPTH_DISCONTINUITIES: "scan {a:.0f}: {b_percent:.0f} % of its matches lie on outlines, which move "
+    "with the view, and no overlap has enough others",
+    Rejection.LOOKS_DIFFERENT: "only {a_percent:.0f} % of what both scans see looks alike",
+    Rejection.UNCLOSED_TRIANGLES: "closes no loops",
+    Rejection.CONTRADICTS_POSES: "contradicts the others by {a:.1f} deg, {b_cm:.0f} cm",
+    Rejection.MOVING_COMPONENT: "only {a_percent:.0f} % of what {b:.0f} scans see twice looks alike: something moves, "
+    "or places were confused",
+    Rejection.SCAN_LOOKS_DIFFERENT: "scan {a:.0f}: only {b_percent:.0f} % of what it shares with its neighbours looks "
+    "alike",
+    Rejection.MOSTLY_MOVING: "{a:.0f} other scans, more than are left, are not one world",
+    Rejection.CONTRADICTS_GRAVITY: "contradicts gravity by {a:.1f} deg",
+    Rejection.CONTRADICTS_POSE_PRIOR: "contradicts the pose prior by {a:.0f} deg, {b:.2f} m",
+}
