@@ -1,20 +1,26 @@
 """The page: what it says, that it needs nothing from outside, and that nothing from outside gets to run in it."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 
 import cv2
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.page import write_report
+from miniloop_cli.report.sections import edge_rows
+from miniloop_cli.report.templating import render
 from miniloop_cli.results.assessment import FAILED, GOOD, PARTLY, judge, runs
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.ply import read_ply, write_ply
@@ -98,6 +104,47 @@ def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
         for name in ("src", "href"):
             assert attributes.get(name, "data:image/").startswith("data:image/")
     assert not re.search(r"url\(|@import|https?://", written(run.results).read_text())
+
+
+@pytest.mark.parametrize(
+    "odd", [b"<script>alert(1)</script>", b"'\"><img src=x onerror=alert(1)>", b"\xff &lt; {{ 7 * 7 }}"]
+)
+def test_names_stay_names(run, odd):
+    name = os.fsdecode(odd)
+    camera = replace(run.sequence.camera, source=name)
+    sequence = replace(run.sequence, name=name, camera=camera, notes=(name,))
+    (run.results / "summary.json").write_text(json.dumps({"recording": name}))
+    plain = Page(written(run.results, replace(run.sequence, notes=("a note",))).read_text())
+    page = Page(written(run.results, sequence).read_text(encoding="utf-8"))
+    assert [(tag, list(attributes)) for tag, attributes in page.elements] == [
+        (tag, list(attributes)) for tag, attributes in plain.elements
+    ]
+    # In title and heading, and as the camera's source, a note and a value of summary.json.
+    assert page.text.count(name.encode("utf-8", "backslashreplace").decode()) == 5
+
+
+def test_the_rows_of_the_edge_table_are_data(run):
+    html = written(run.results).read_text()
+    payload = re.search(r'<script type="application/json" id="edge-rows">(.*?)</script>', html, re.DOTALL)[1]
+    assert json.loads(payload) == edge_rows(load(run.results).edges)
+    assert any('"><script>' in str(row) for row in json.loads(payload))
+    assert not set("<>&'") & set(payload)
+
+
+def test_a_template_shows_only_what_it_is_given():
+    with pytest.raises(UndefinedError, match="worst_edges"):
+        render("worst_edges.html")
+
+
+def test_only_files_of_the_package_are_not_escaped():
+    templates = [path.read_text(encoding="utf-8") for path in (files("miniloop_cli.report") / "templates").iterdir()]
+    exempt = re.findall(r"\w+ *\| *safe|autoescape|Markup", "".join(templates))
+    assert sorted(exempt) == ["script|safe", "style|safe"]
+
+
+def test_templates_are_loaded_when_a_report_is_written():
+    code = "import sys, miniloop_cli.api, miniloop_cli.report; sys.exit('jinja2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_the_same_run_gives_the_same_bytes(run):
