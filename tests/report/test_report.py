@@ -106,11 +106,9 @@ def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
     assert not re.search(r"url\(|@import|https?://", written(run.results).read_text())
 
 
-@pytest.mark.parametrize(
-    "odd", [b"<script>alert(1)</script>", b"'\"><img src=x onerror=alert(1)>", b"\xff &lt; {{ 7 * 7 }}"]
-)
-def test_names_stay_names(run, odd):
-    name = os.fsdecode(odd)
+def test_names_stay_names(run):
+    """Markup, what closes an attribute, an entity, a template's own braces and bytes that are no text."""
+    name = os.fsdecode(b"<script>alert(1)</script>'\"><img src=x onerror=alert(1)> &lt; {{ 7 * 7 }} \xff")
     camera = replace(run.sequence.camera, source=name)
     sequence = replace(run.sequence, name=name, camera=camera, notes=(name,))
     (run.results / "summary.json").write_text(json.dumps({"recording": name}))
