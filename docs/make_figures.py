@@ -25,7 +25,7 @@ from miniloop_cli.evaluation.plots import save
 from miniloop_cli.export.mesh import fuse
 from miniloop_cli.export.model import Model
 from miniloop_cli.geometry import se3
-from miniloop_cli.report import charts
+from miniloop_cli.report import charts, templating
 from miniloop_cli.report.images import match_picture
 from miniloop_cli.report.splat import overview, render
 from miniloop_cli.results.columns import load
@@ -100,8 +100,11 @@ def overlap() -> None:
     style = files("miniloop_cli.report").joinpath("page.css").read_text(encoding="utf-8")
     n = len(data.frames)
     for name, svg in (
-        ("overlap-matrix", charts.overlap_matrix(data.edges, n)),
-        ("overlap-graph", charts.overlap_graph(data.edges, n, data.frames.registered)),
+        ("overlap-matrix", templating.render("chart.svg", chart=charts.overlap_matrix(data.edges, n))),
+        (
+            "overlap-graph",
+            templating.render("graph.svg", graph=charts.overlap_graph(data.edges, n, data.frames.registered)),
+        ),
     ):
         head = '<svg xmlns="http://www.w3.org/2000/svg" width="460" height="460" '
         alone = svg.replace("<svg ", head, 1).replace(">", f"><style>{style}</style>", 1)

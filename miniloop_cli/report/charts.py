@@ -1,15 +1,16 @@
-"""The report's charts: trajectory, overlap matrix, overlap graph, numbers per frame, timings."""
+"""The report's charts: trajectory, overlap matrix, overlap graph, numbers per frame, residuals of the edges."""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report.images import data_uri, png
-from miniloop_cli.report.svg import Chart, limits, wrap
+from miniloop_cli.report.svg import Chart, limits, tenths
 from miniloop_cli.results.columns import Edges, Frames, ReportData
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Bools, Ints
@@ -39,7 +40,7 @@ def frame_numbers(frames: Frames, trajectory: Trajectory) -> Ints:
     return nearest(frames.timestamp_s, trajectory.timestamps_s)
 
 
-def trajectory_charts(data: ReportData, trajectory: Trajectory, evaluation: Evaluation | None) -> str:
+def trajectory_charts(data: ReportData, trajectory: Trajectory, evaluation: Evaluation | None) -> list[Chart]:
     """Top and side view; with a ground truth in its world, with the true path beneath."""
     if evaluation:
         positions, truth, views = evaluation.T_aligned[:, :3, 3], evaluation.T_true[:, :3, 3], WORLD_VIEWS
@@ -58,11 +59,11 @@ def trajectory_charts(data: ReportData, trajectory: Trajectory, evaluation: Eval
         chart.line(positions[:, a], sign * positions[:, b], "estimate")
         chart.dots(positions[:, a], sign * positions[:, b], "pose", tips)
         chart.dots(positions[:1, a], sign * positions[:1, b], "first", ["first frame"], 6)
-        charts.append(chart.svg())
-    return "".join(charts)
+        charts.append(chart)
+    return charts
 
 
-def overlap_matrix(edges: Edges, n: int) -> str:
+def overlap_matrix(edges: Edges, n: int) -> Chart:
     """Frames against frames: matches below the diagonal, verified inliers above it, rejected pairs red."""
     block = max(1, -(-n // MATRIX_PX))
     size = -(-n // block)
@@ -81,36 +82,51 @@ def overlap_matrix(edges: Edges, n: int) -> str:
     )
     end = size * block - 0.5
     chart.image(data_uri(png(colors), "png"), (-0.5, end), (-0.5, end))
-    return chart.svg()
+    return chart
 
 
-def overlap_graph(edges: Edges, n: int, registered: Bools) -> str:
+@dataclass(frozen=True)
+class Graph:
+    """Frames around a circle and chords between them, in pixels of a square picture, for `templates/graph.svg`."""
+
+    size: int
+    chords: list[tuple[int, str]]  # colour number of a solver, path of all its chords
+    opacity: float
+    nodes: list[tuple[float, float, bool, str]]  # x, y, whether the frame has a pose, tooltip
+    node_radius: int
+    labels: list[tuple[int, int, int]]  # x, y, frame
+
+
+def overlap_graph(edges: Edges, n: int, registered: Bools) -> Graph:
     """Frames around a circle in order of time, edges as chords in the colour of the cycle that solved them."""
     size, radius = 460, 200
     angle = 2 * np.pi * np.arange(n) / max(n, 1)
-    x, y = size / 2 + radius * np.sin(angle), size / 2 - radius * np.cos(angle)
+    right, up = np.sin(angle), np.cos(angle)
+    x, y = size / 2 + radius * right, size / 2 - radius * up
     inside = np.flatnonzero((edges.i < n) & (edges.j < n) & edges.verified)
     if len(inside) > MOST_CHORDS:
         inside = inside[np.linspace(0, len(inside) - 1, MOST_CHORDS).astype(int)]
-    drawn: dict[str, list[str]] = {}
+    chords: dict[str, list[str]] = {}
     for k in inside:
         a, b = edges.i[k], edges.j[k]
         # Bent towards the centre, so that neighbours stay visible on the rim.
         bend = f"{(x[a] + x[b] + size) / 4:.0f} {(y[a] + y[b] + size) / 4:.0f}"
-        drawn.setdefault(edges.solver[k], []).append(f"M{x[a]:.0f} {y[a]:.0f}Q{bend} {x[b]:.0f} {y[b]:.0f}")
-    opacity = float(np.clip(300 / max(len(inside), 1), 0.3, 0.8))
-    order = sorted(drawn, key=lambda name: (KINDS.get(name, 0), name))
-    parts = [f'<path class="chord k{KINDS.get(s, 0)}" opacity="{opacity:.2f}" d="{"".join(drawn[s])}"/>' for s in order]
+        chords.setdefault(edges.solver[k], []).append(f"M{x[a]:.0f} {y[a]:.0f}Q{bend} {x[b]:.0f} {y[b]:.0f}")
+    order = sorted(chords, key=lambda name: (KINDS.get(name, 0), name))
+    tips = [f"frame {k}" if known else f"frame {k}, not registered" for k, known in enumerate(registered)]
     step = max(1, round(n / 12 / 5) * 5) if n > 12 else 1
-    for k in range(n):
-        tip = f"frame {k}" + ("" if registered[k] else ", not registered")
-        css = "node" if registered[k] else "node lost"
-        circle = f'<circle class="{css}" cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="{2 if n > 60 else 4}">'
-        parts.append(f"{circle}<title>{tip}</title></circle>")
-        if k % step == 0 and n - k >= step / 2:
-            u, v = size / 2 + 216 * np.sin(angle[k]), size / 2 - 216 * np.cos(angle[k]) + 4
-            parts.append(f'<text class="tick" text-anchor="middle" x="{u:.0f}" y="{v:.0f}">{k}</text>')
-    return wrap(parts, size, size, "Overlap graph")
+    return Graph(
+        size=size,
+        chords=[(KINDS.get(name, 0), "".join(chords[name])) for name in order],
+        opacity=round(float(np.clip(300 / max(len(inside), 1), 0.3, 0.8)), 2),
+        nodes=list(zip(tenths(x), tenths(y), registered.tolist(), tips, strict=True)),
+        node_radius=2 if n > 60 else 4,
+        labels=[
+            (round(size / 2 + 1.08 * radius * right[k]), round(size / 2 - 1.08 * radius * up[k] + 4), k)
+            for k in range(0, n, step)
+            if n - k >= step / 2
+        ],
+    )
 
 
 def cycle_counts(edges: Edges) -> list[tuple[str, int, int]]:
@@ -119,7 +135,7 @@ def cycle_counts(edges: Edges) -> list[tuple[str, int, int]]:
     return sorted(((name, KINDS.get(name, 0), count) for name, count in counts.items()), key=lambda row: -row[1])
 
 
-def frame_charts(frames: Frames) -> str:
+def frame_charts(frames: Frames) -> list[Chart]:
     """Features and depth over the frames, those without a pose marked."""
     x = np.arange(len(frames), dtype=float)
     series = {
@@ -144,17 +160,17 @@ def frame_charts(frames: Frames) -> str:
         for ok, css in ((True, "pose"), (False, "lost")):
             rows = np.flatnonzero(frames.registered == ok)
             chart.dots(x[rows], values[0][rows], css, [tips[k] for k in rows], 2 if ok else 3.5)
-        charts.append(chart.svg())
-    return "".join(charts)
+        charts.append(chart)
+    return charts
 
 
-def residual_chart(edges: Edges) -> str:
-    """Residual of every verified edge: rotation against translation."""
+def residual_chart(edges: Edges) -> Chart | None:
+    """Residual of every verified edge, rotation against translation; None where there is none."""
     kept = edges.worst_first
     if not len(kept):
-        return ""
+        return None
     cm, deg = 100 * edges.trans_m[kept], edges.rot_deg[kept]
     chart = Chart("Residuals of the edges", (0, limits(cm)[1]), (0, limits(deg)[1]), "cm", "deg")
     tips = [f"{edges.i[k]}–{edges.j[k]}, {edges.inliers[k]:.0f} inliers" for k in kept]
     chart.dots(cm, deg, "residual", tips, 2)
-    return chart.svg()
+    return chart

@@ -38,7 +38,7 @@ def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, floa
         return None
     scale = width / color.shape[1]
     size = (width, max(1, round(color.shape[0] * scale)))
-    return cv2.resize(color, size, interpolation=cv2.INTER_AREA), scale
+    return np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8), scale
 
 
 def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, width: int = 480) -> Bytes | None:
@@ -49,7 +49,7 @@ def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats
     height = max(left[0].shape[0], right[0].shape[0])
     picture = np.zeros((height, 2 * width, 3), np.uint8)
     picture[: left[0].shape[0], :width], picture[: right[0].shape[0], width:] = left[0], right[0]
-    keep = np.unique(np.linspace(0, len(px_i) - 1, MAX_LINES).round().astype(int)) if len(px_i) else []
+    keep = np.unique(np.linspace(0, len(px_i) - 1, min(MAX_LINES, len(px_i))).round().astype(int))
     hues = np.linspace(0, 150, max(len(keep), 1)).astype(np.uint8)
     paint = cv2.cvtColor(np.stack([hues, np.full_like(hues, 230), np.full_like(hues, 255)], 1)[None], cv2.COLOR_HSV2RGB)
     # A colour for each height in the left image, so that lines that cross the others stand out.

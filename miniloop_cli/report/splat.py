@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.typing import Bytes, Floats
+from miniloop_cli.typing import Bytes, Floats, Floats32
 
 BACKGROUND = np.array([250, 250, 250], np.uint8)
 NEAR_M = 0.05
@@ -23,16 +24,18 @@ class View:
     width: int = 960
     height: int = 640
 
-    def project(self, points_world: Floats) -> tuple[Floats, Floats]:
+    def project(self, points_world: NDArray[np.floating]) -> tuple[Floats32, Floats32]:
         """(n, 3) points to (n, 2) pixels and (n,) depths (m); depths at most 0 are behind the view."""
         T = self.T_view_world.astype(np.float32)  # enough for pixels, and three times as fast
-        p = np.asarray(points_world, np.float32) @ np.ascontiguousarray(T[:3, :3].T) + T[:3, 3]
-        z = np.where(p[:, 2] > NEAR_M, p[:, 2], np.float32(np.nan))
-        centre = np.array([self.width - 1, self.height - 1], np.float32) / 2
+        p: Floats32 = np.asarray(points_world, np.float32) @ np.ascontiguousarray(T[:3, :3].T) + T[:3, 3]
+        z: Floats32 = np.where(p[:, 2] > NEAR_M, p[:, 2], np.float32(np.nan))
+        centre = np.array([(self.width - 1) / 2, (self.height - 1) / 2], np.float32)
         return np.float32(self.focal_px) * p[:, :2] / z[:, None] + centre, p[:, 2]
 
 
-def overview(points: Floats, T_world_cam: Floats, yaw_deg: float, pitch_deg: float, view: tuple[int, int]) -> View:
+def overview(
+    points: NDArray[np.floating], T_world_cam: Floats, yaw_deg: float, pitch_deg: float, view: tuple[int, int]
+) -> View:
     """A view of the whole cloud, turned from the cameras' mean viewing direction about their mean vertical.
 
     The 3rd to 97th percentile of the points fits the picture, so a few stray points do not make it small.
@@ -50,7 +53,7 @@ def overview(points: Floats, T_world_cam: Floats, yaw_deg: float, pitch_deg: flo
     return View(se3.pose(R_view_world, np.array([0, 0, distance]) - centre), focal, width, height)
 
 
-def render(points: Floats, colors: Bytes, view: View, point_m: float = 0.016) -> Bytes:
+def render(points: NDArray[np.floating], colors: Bytes, view: View, point_m: float = 0.016) -> Bytes:
     """(h, w, 3) picture of (n, 3) points with (n, 3) colours, drawn as squares of `point_m` metres (1 to 6 px)."""
     px, z = view.project(points)
     side = np.clip(np.ceil(view.focal_px * point_m / np.maximum(z, NEAR_M)), 1, LARGEST_PX)
@@ -77,7 +80,7 @@ def render(points: Floats, colors: Bytes, view: View, point_m: float = 0.016) ->
     return shade(np.where(drawn[..., None], colors[rows[winner]], BACKGROUND), depth)
 
 
-def shade(picture: Bytes, depth: Floats) -> Bytes:
+def shade(picture: Bytes, depth: Floats32) -> Bytes:
     """Darken pixels that lie behind their neighbours (eye-dome lighting, Boucheny 2009): shape shows at once."""
     log_depth = np.log(np.where(np.isfinite(depth), depth, np.nan))
     behind = np.zeros(depth.shape, depth.dtype)

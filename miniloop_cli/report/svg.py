@@ -1,14 +1,16 @@
-"""Charts as inline SVG: sharp at any size, with a tooltip on every mark, and no library to load."""
+"""Charts laid out in the pixels of an inline SVG; `templates/chart.svg` draws them, with a tooltip on every dot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from miniloop_cli.typing import Floats
+
+LEFT, RIGHT, TOP, BOTTOM = 60, 12, 26, 42  # margins around the plotting area (px)
 
 
 def ticks(low: float, high: float, count: int = 5) -> list[float]:
@@ -30,9 +32,14 @@ def limits(*series: Floats, margin: float = 0.05) -> tuple[float, float]:
     return low - extra, high + extra
 
 
+def tenths(values: ArrayLike) -> list[float]:
+    """(n,) pixels as numbers with one decimal, which is finer than a screen shows."""
+    return np.round(np.ravel(values), 1).tolist()
+
+
 @dataclass
 class Chart:
-    """A pair of axes in user units; marks are added in drawing order, `svg()` gives the element."""
+    """A pair of axes in user units and what lies in them, in pixels: images, above them lines, on top circles."""
 
     title: str
     x_range: tuple[float, float]
@@ -43,36 +50,37 @@ class Chart:
     down: bool = False  # y grows downwards, as rows of a matrix
     width: int = 460
     height: int = 340
-    marks: list[str] = field(default_factory=list)
-
-    LEFT, RIGHT, TOP, BOTTOM = 60, 12, 26, 42
+    images: list[tuple[float, float, float, float, str]] = field(default_factory=list)  # x, y, width, height, URI
+    lines: list[tuple[str, str]] = field(default_factory=list)  # class, points
+    circles: list[tuple[float, float, float, str, str]] = field(default_factory=list)  # x, y, radius, class, tooltip
 
     def __post_init__(self) -> None:
+        self.left, self.right = LEFT, self.width - RIGHT
+        self.top, self.bottom = TOP, self.height - BOTTOM
         if self.equal:
-            per_px = max(self._unit(self.x_range, self.inner[0]), self._unit(self.y_range, self.inner[1]))
-            self.x_range = self._widen(self.x_range, per_px * self.inner[0])
-            self.y_range = self._widen(self.y_range, per_px * self.inner[1])
+            width, height = self.right - self.left, self.bottom - self.top
+            per_px = max(np.ptp(self.x_range) / width, np.ptp(self.y_range) / height)
+            self.x_range = _widened(self.x_range, per_px * width)
+            self.y_range = _widened(self.y_range, per_px * height)
 
     @property
-    def inner(self) -> tuple[int, int]:
-        """Width and height of the plotting area (px)."""
-        return self.width - self.LEFT - self.RIGHT, self.height - self.TOP - self.BOTTOM
+    def x_ticks(self) -> list[tuple[float, float]]:
+        """(pixel, value) of the numbers on the horizontal axis."""
+        values = ticks(*self.x_range)
+        return list(zip(tenths(self.place(values, self.y_range[0])[0]), values, strict=True))
 
-    @staticmethod
-    def _unit(span: tuple[float, float], px: int) -> float:
-        return (span[1] - span[0]) / px
+    @property
+    def y_ticks(self) -> list[tuple[float, float]]:
+        """(pixel, value) of the numbers on the vertical axis."""
+        values = ticks(*self.y_range)
+        return list(zip(tenths(self.place(self.x_range[0], values)[1]), values, strict=True))
 
-    @staticmethod
-    def _widen(span: tuple[float, float], length: float) -> tuple[float, float]:
-        middle = (span[0] + span[1]) / 2
-        return middle - length / 2, middle + length / 2
-
-    def place(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    def place(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """User units to pixels of the picture."""
-        width, height = self.inner
         u = (np.asarray(x, float) - self.x_range[0]) / (self.x_range[1] - self.x_range[0])
         v = (np.asarray(y, float) - self.y_range[0]) / (self.y_range[1] - self.y_range[0])
-        return self.LEFT + u * width, self.TOP + (v if self.down else 1 - v) * height
+        u_px = self.left + u * (self.right - self.left)
+        return u_px, self.top + (v if self.down else 1 - v) * (self.bottom - self.top)
 
     def line(self, x: Floats, y: Floats, css: str) -> None:
         """A polyline, broken where a value is not finite."""
@@ -81,47 +89,23 @@ class Chart:
         for run in np.split(np.arange(len(u)), np.flatnonzero(~known)):
             rows = [k for k in run if known[k]]
             if len(rows) > 1:
-                points = " ".join(f"{u[k]:.1f},{v[k]:.1f}" for k in rows)
-                self.marks.append(f'<polyline class="{css}" points="{points}"/>')
+                self.lines.append((css, " ".join(f"{u[k]:.1f},{v[k]:.1f}" for k in rows)))
 
     def dots(self, x: Floats, y: Floats, css: str, tips: Sequence[str], radius: float = 2.5) -> None:
         """Circles with tooltips; those that are not finite are left out."""
         u, v = self.place(x, y)
-        for a, b, tip in zip(u, v, tips, strict=True):
-            if np.isfinite(a) and np.isfinite(b):
-                circle = f'<circle class="{css}" cx="{a:.1f}" cy="{b:.1f}" r="{radius}">'
-                self.marks.append(f"{circle}<title>{escape(tip)}</title></circle>")
+        known = (np.isfinite(u) & np.isfinite(v)).tolist()
+        for a, b, tip, shown in zip(tenths(u), tenths(v), tips, known, strict=True):
+            if shown:
+                self.circles.append((a, b, radius, css, tip))
 
     def image(self, data_uri: str, x_range: tuple[float, float], y_range: tuple[float, float]) -> None:
         """An image stretched over a range of user units, its pixels kept as squares."""
-        u, v = self.place(np.array(x_range), np.array(y_range))
-        box = f'x="{u.min():.1f}" y="{v.min():.1f}" width="{np.ptp(u):.1f}" height="{np.ptp(v):.1f}"'
-        self.marks.append(f'<image class="pixels" preserveAspectRatio="none" {box} href="{data_uri}"/>')
-
-    def svg(self) -> str:
-        """The chart with grid, numbers and captions."""
-        width, height = self.inner
-        right, bottom = self.LEFT + width, self.TOP + height
-        parts = [f'<text class="title" x="{self.LEFT}" y="16">{escape(self.title)}</text>']
-        for value in ticks(*self.x_range):
-            x = self.place(np.array(value), np.array(self.y_range[0]))[0]
-            parts.append(f'<path class="grid" d="M{x:.1f} {self.TOP}V{bottom}"/>')
-            parts.append(f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 15}">{value:.6g}</text>')
-        for value in ticks(*self.y_range):
-            y = self.place(np.array(self.x_range[0]), np.array(value))[1]
-            parts.append(f'<path class="grid" d="M{self.LEFT} {y:.1f}H{right}"/>')
-            parts.append(f'<text class="tick" text-anchor="end" x="{self.LEFT - 5}" y="{y + 4:.1f}">{value:.6g}</text>')
-        middle = self.LEFT + width / 2
-        parts.append(
-            f'<text class="label" text-anchor="middle" x="{middle}" y="{bottom + 34}">{escape(self.x_label)}</text>'
-        )
-        turned = f'text-anchor="middle" transform="translate(12 {self.TOP + height / 2}) rotate(-90)"'
-        parts.append(f'<text class="label" {turned}>{escape(self.y_label)}</text>')
-        parts += self.marks
-        parts.append(f'<rect class="frame" x="{self.LEFT}" y="{self.TOP}" width="{width}" height="{height}"/>')
-        return wrap(parts, self.width, self.height, self.title)
+        u, v = self.place(x_range, y_range)
+        x, y, width, height = tenths([u.min(), v.min(), np.ptp(u), np.ptp(v)])
+        self.images.append((x, y, width, height, data_uri))
 
 
-def wrap(parts: Sequence[str], width: int, height: int, label: str) -> str:
-    """An svg element that scales with the page."""
-    return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(label)}">{"".join(parts)}</svg>'
+def _widened(span: tuple[float, float], length: float) -> tuple[float, float]:
+    middle = (span[0] + span[1]) / 2
+    return middle - length / 2, middle + length / 2

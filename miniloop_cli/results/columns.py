@@ -59,11 +59,6 @@ class Edges:
         return order[self.verified[order] & np.isfinite(self.rot_deg + self.trans_m)[order]]
 
 
-FRAME_COLUMNS = (
-    "timestamp", "keypoints", "with_depth", "depth_valid_share", "median_depth_m", "sigma_rot_deg", "sigma_trans_m"
-)  # fmt: skip
-
-
 @dataclass(frozen=True)
 class Frames:
     """Columns of frames.csv, one entry a frame; NaN where a value is not known. The sigmas are of the pose."""
@@ -123,23 +118,45 @@ def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
 def read_edges(results: Results) -> Edges:
     """edges.csv as columns."""
     rows, path = results.edges, results.root / "edges.csv"
-    text = {name: [row.get(name, "") for row in rows] for name in ("solver", "cycle", "verdict", "rejection", "reason")}
-    i, j = (whole(column(rows, name, path), path) for name in "ij")
-    columns = ("matches", "inliers", "rot_residual_deg", "trans_residual_m")
-    return Edges(i, j, *(column(rows, name, path) for name in columns), **text)
+    return Edges(
+        i=whole(column(rows, "i", path), path),
+        j=whole(column(rows, "j", path), path),
+        matches=column(rows, "matches", path),
+        inliers=column(rows, "inliers", path),
+        rot_deg=column(rows, "rot_residual_deg", path),
+        trans_m=column(rows, "trans_residual_m", path),
+        solver=texts(rows, "solver"),
+        cycle=texts(rows, "cycle"),
+        verdict=texts(rows, "verdict"),
+        rejection=texts(rows, "rejection"),
+        reason=texts(rows, "reason"),
+    )
 
 
 def read_frames(results: Results) -> Frames:
     """frames.csv as columns; without it, the frames of the trajectory, of which nothing else is known."""
-    rows, path = results.frames, results.root / "frames.csv"
+    rows, path, stamps_s = results.frames, results.root / "frames.csv", results.frame_stamps_s
     if not rows:
-        stamps = results.trajectory.timestamps_s
-        unknown, n = np.full(len(stamps), np.nan), len(stamps)
-        return Frames(stamps, *[unknown] * (len(FRAME_COLUMNS) - 1), np.ones(n, bool), ["0"] * n, [""] * n, [""] * n)
-    registered = np.array([row.get("registered", "").lower() in ("1", "true", "yes") for row in rows])
-    text = [[row.get(name, "") for row in rows] for name in ("component", "status", "reason")]
-    others = (column(rows, name, path) for name in FRAME_COLUMNS[1:])
-    return Frames(results.frame_stamps_s, *others, registered, *text)
+        stamps_s = results.trajectory.timestamps_s
+        rows = [{"registered": "1", "component": "0"} for _ in stamps_s]
+    return Frames(
+        timestamp_s=stamps_s,
+        keypoints=column(rows, "keypoints", path),
+        with_depth=column(rows, "with_depth", path),
+        depth_valid_share=column(rows, "depth_valid_share", path),
+        median_depth_m=column(rows, "median_depth_m", path),
+        sigma_rot_deg=column(rows, "sigma_rot_deg", path),
+        sigma_trans_m=column(rows, "sigma_trans_m", path),
+        registered=np.array([text.lower() in ("1", "true", "yes") for text in texts(rows, "registered")], bool),
+        component=texts(rows, "component"),
+        status=texts(rows, "status"),
+        reason=texts(rows, "reason"),
+    )
+
+
+def texts(rows: list[dict[str, str]], name: str) -> list[str]:
+    """A column as it stands in the file, "" where it is missing."""
+    return [row.get(name, "") for row in rows]
 
 
 def whole(values: Floats, path: Path) -> Ints:

@@ -57,14 +57,15 @@ def run(tmp_path):
                 "inliers": 20 - j,
             }
             row |= {"solver": ["cycle5", "pairwise", EVIL][(i + j) % 3], "cycle": 1}
-            row |= {"verdict": "rejected" if lost else "verified", "reason": EVIL if lost else ""}
+            row |= {"verdict": "rejected" if lost else "verified", "rejection": "no_hypothesis" if lost else ""}
+            row |= {"reason": EVIL if lost else ""}
             row |= {"rot_residual_deg": "" if lost else 0.1 * (i + 1), "trans_residual_m": "" if lost else 0.01 * j}
             edges.append(row)
     write_rows(results / "edges.csv", edges)
     frames = [
         {"index": k, "timestamp": stamps[k], "keypoints": 500, "with_depth": 400, "depth_valid_share": 0.8,
          "median_depth_m": 1.0, "registered": int(kept[k]), "component": 0 if kept[k] else -1,
-         "reason": "" if kept[k] else f"no match {EVIL}"}
+         "status": "registered" if kept[k] else "no_matches", "reason": "" if kept[k] else f"no match {EVIL}"}
         for k in range(FRAMES)
     ]  # fmt: skip
     write_rows(results / "frames.csv", frames)

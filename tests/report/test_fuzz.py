@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report import charts, sections
+from miniloop_cli.report.templating import render
 from miniloop_cli.results.assessment import judge
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.folder import Results
@@ -50,13 +51,16 @@ def use(folder):
     results = Results(folder)
     data = load(folder)
     judge(data)
-    edges, n = data.edges, len(data.frames)
-    sections.edges_section(data)
-    sections.overlap_section(data)
-    sections.run_section(data)
-    charts.frame_charts(data.frames)
-    charts.overlap_graph(edges, n, data.frames.registered)
-    evaluate(results.trajectory, results.trajectory, results.edge_stamps_s)
+    evaluation = evaluate(results.trajectory, results.trajectory, results.edge_stamps_s)
+    for name, values in (
+        ("trajectory", sections.trajectory(data, results.trajectory, evaluation)),
+        ("overlap", sections.overlap(data)),
+        ("edges", sections.edges(data)),
+        ("frames", sections.frames(data)),
+        ("run", sections.run(data)),
+    ):
+        if values is not None:
+            render(f"{name}.html", **{name: values})
     charts.trajectory_charts(data, results.trajectory, None)
     read_g2o(folder / "graph.g2o")
 

@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.report.splat import BACKGROUND, View, overview, render, shade
+from miniloop_cli.report import splat
+from miniloop_cli.report.splat import BACKGROUND, View, overview, shade
 from miniloop_cli.report.svg import Chart, limits, ticks
+from miniloop_cli.report.templating import render
 
 
 @settings(max_examples=25)
@@ -28,11 +30,11 @@ def test_the_nearest_point_is_seen(seed):
             for x in range(max(x0, 0), min(x0 + side, 64)):
                 if z[k] < depth[y, x]:
                     depth[y, x], expected[y, x] = z[k], colors[k]
-    np.testing.assert_array_equal(render(points, colors, view, point_m=0.1), shade(expected, depth))
+    np.testing.assert_array_equal(splat.render(points, colors, view, point_m=0.1), shade(expected, depth))
 
 
 def test_points_behind_the_view_leave_the_background():
-    picture = render(np.array([[0, 0, -1.0]]), np.zeros((1, 3), np.uint8), View(np.eye(4), 50, 32, 24))
+    picture = splat.render(np.array([[0, 0, -1.0]]), np.zeros((1, 3), np.uint8), View(np.eye(4), 50, 32, 24))
     assert (picture == BACKGROUND).all()
 
 
@@ -78,7 +80,7 @@ def test_lines_break_at_gaps_and_tips_are_escaped():
     chart = Chart("a <b>", (0, 4), (0, 4))
     chart.line(np.arange(5.0), np.array([1, 2, np.nan, 3, 4]), "c")
     chart.dots(np.array([1.0, np.nan]), np.array([1.0, 1]), "c", ["<i>", "x"])
-    svg = chart.svg()
+    svg = render("chart.svg", chart=chart)
     assert svg.count("<polyline") == 2
     assert svg.count("<circle") == 1
     assert "&lt;i&gt;" in svg

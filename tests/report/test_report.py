@@ -4,17 +4,22 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 
 import cv2
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.page import write_report
+from miniloop_cli.report.sections import edge_rows
+from miniloop_cli.report.templating import render
 from miniloop_cli.results.assessment import Level, judge, runs
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.ply import read_ply, write_ply
@@ -100,6 +105,45 @@ def test_nothing_comes_from_outside_and_nothing_foreign_runs(run):
     assert not re.search(r"url\(|@import|https?://", written(run.results).read_text())
 
 
+def test_names_stay_names(run):
+    """Markup, what closes an attribute, an entity, a template's own braces and bytes that are no text."""
+    name = "<script>alert(1)</script>'\"><img src=x onerror=alert(1)> &lt; {{ 7 * 7 }} \udcff"
+    camera = replace(run.sequence.camera, source=name)
+    sequence = replace(run.sequence, name=name, camera=camera, notes=(name,))
+    (run.results / "summary.json").write_text(json.dumps({"recording": name}))
+    plain = Page(written(run.results, replace(run.sequence, notes=("a note",))).read_text())
+    page = Page(written(run.results, sequence).read_text(encoding="utf-8"))
+    assert [(tag, list(attributes)) for tag, attributes in page.elements] == [
+        (tag, list(attributes)) for tag, attributes in plain.elements
+    ]
+    # In title and heading, and as the camera's source, a note and a value of summary.json.
+    assert page.text.count(name.encode("utf-8", "backslashreplace").decode()) == 5
+
+
+def test_the_rows_of_the_edge_table_are_data(run):
+    html = written(run.results).read_text()
+    payload = re.search(r'<script type="application/json" id="edge-rows">(.*?)</script>', html, re.DOTALL)[1]
+    assert json.loads(payload) == edge_rows(load(run.results).edges)
+    assert any('"><script>' in str(row) for row in json.loads(payload))
+    assert not set("<>&'") & set(payload)
+
+
+def test_a_template_shows_only_what_it_is_given():
+    with pytest.raises(UndefinedError, match="worst_edges"):
+        render("worst_edges.html")
+
+
+def test_only_files_of_the_package_are_not_escaped():
+    templates = [path.read_text(encoding="utf-8") for path in (files("miniloop_cli.report") / "templates").iterdir()]
+    exempt = re.findall(r"\w+ *\| *safe|autoescape|Markup", "".join(templates))
+    assert sorted(exempt) == ["script|safe", "style|safe"]
+
+
+def test_templates_are_loaded_when_a_report_is_written():
+    code = "import sys, miniloop_cli.api, miniloop_cli.report; sys.exit('jinja2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_the_same_run_gives_the_same_bytes(run):
     first = written(run.results, run.sequence).read_bytes()
     assert written(run.results, run.sequence).read_bytes() == first
@@ -110,7 +154,7 @@ def test_a_run_without_any_pose_still_says_why(run):
         (run.results / name).unlink()
     header = (run.results / "edges.csv").read_text().splitlines()[0]
     (run.results / "edges.csv").write_text(header + "\n")
-    frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,no depth").replace(",500,", ",20,")
+    frames = (run.results / "frames.csv").read_text().replace(",1,0,registered,", ",0,-1,few_features,no depth").replace(",500,", ",20,")
     (run.results / "frames.csv").write_text(frames)
     page = Page(written(run.results, run.sequence).read_text())
     assert "It did not work: 0 of 8 frames are registered." in page.text
@@ -175,7 +219,7 @@ def test_verdicts(run):
     (run.results / "frames.csv").write_text(text.replace(",1,0,", ",0,-1,"))
     assert judge(load(run.results)).level == Level.BAD
     (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
-    edges = (run.results / "edges.csv").read_text().replace("verified,,0.", "verified,,9.")
+    edges = (run.results / "edges.csv").read_text().replace("verified,,,0.", "verified,,,9.")
     (run.results / "edges.csv").write_text(edges)
     verdict = judge(load(run.results))
     assert verdict.level == Level.DOUBTFUL
@@ -211,26 +255,25 @@ def test_solvers_have_colours_of_their_own():
 def test_frames_with_the_same_trouble_belong_together(run):
     text = (run.results / "frames.csv").read_text().splitlines()
     reasons = ("its only overlap was not verified (5 inliers)", "none of 3 overlaps was verified (best: 4 inliers)")
-    text[1:3] = [line.replace(",1,0,", ",0,-1,") + why for line, why in zip(text[1:3], reasons, strict=True)]
+    lost = ",0,-1,not_verified,"
+    text[1:3] = [line.replace(",1,0,registered,", lost) + why for line, why in zip(text[1:3], reasons, strict=True)]
     (run.results / "frames.csv").write_text("\n".join(text) + "\n")
     assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results)).facts
 
 
 def test_what_became_of_gravity_is_told(run):
     summary = json.loads((run.results / "summary.json").read_text())
-    summary["notes"] = ["took a camera", "gravity is not used: it is far off", 7]
+    summary["notes"] = ["took a camera", "gravity is not used: it is far off"]
+    summary["prior_notes"] = ["gravity is not used: it is far off", 7]
     (run.results / "summary.json").write_text(json.dumps(summary))
     facts = judge(load(run.results)).facts
     assert "Gravity is not used: it is far off." in facts
     assert not any("took a camera" in fact for fact in facts)
 
 
-@pytest.mark.parametrize(
-    ("reason", "advice"),
-    [("only 5 % of what both scans see looks alike", "Masks"), ("5 inliers of 13 matches", "more overlap")],
-)
-def test_advice_follows_the_reasons_of_rejected_pairs(run, reason, advice):
-    rows = (run.results / "edges.csv").read_text().replace(",verified,,", f",rejected,{reason},")
+@pytest.mark.parametrize(("rejection", "advice"), [("looks_different", "Masks"), ("few_inliers", "more overlap")])
+def test_advice_follows_the_reasons_of_rejected_pairs(run, rejection, advice):
+    rows = (run.results / "edges.csv").read_text().replace(",verified,,,", f",rejected,{rejection},,")
     (run.results / "edges.csv").write_text(rows)
     frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,")
     (run.results / "frames.csv").write_text(frames)

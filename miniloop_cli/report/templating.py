@@ -1,0 +1,31 @@
+"""The templates of the page: Python gives them plain values, and they alone make markup of it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+@cache
+def environment() -> Environment:
+    """The templates of this package: every value is escaped, and a name that is not given is an error."""
+    # Imported here, so that commands that write no report do not wait for it.
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    templates = Environment(
+        loader=PackageLoader("miniloop_cli.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    return templates
+
+
+def render(template: str, **values: Any) -> str:
+    """A template of this package, filled in. Raises jinja2.UndefinedError for a value that is not given."""
+    return environment().get_template(template).render(values)
