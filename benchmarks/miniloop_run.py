@@ -12,7 +12,7 @@ def main() -> None:
     options = arguments(__doc__, config="default", seed=0, max_frames=1_000_000)
     import numpy as np
 
-    from miniloop_cli.bench.stages import StageClock
+    from benchmarks.experiments.stages import StageClock
     from miniloop_cli.datasets import open_sequence
     from miniloop_cli.pipeline import register
     from miniloop_cli.presets import load_settings

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import lsqr
 
 from miniloop_cli.averaging.approximate_cholesky import apply, eliminate
 from miniloop_cli.averaging.laplacian import DENSE_SCANS, Differences
-from miniloop_cli.bench.view_graphs import view_graph
+from benchmarks.experiments.view_graphs import view_graph
 
 
 def graph_pairs(kind, scans, edges, seed=0):

@@ -47,7 +47,7 @@ def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, monkeypatch, err
         except KeyboardInterrupt as interrupt:
             raise error from interrupt
 
-    monkeypatch.setattr("miniloop_cli.bench.averaging.averaging_rows", interrupted_inside)
+    monkeypatch.setattr("benchmarks.experiments.averaging.averaging_rows", interrupted_inside)
     done = launch("bench", "averaging", "--scans", 10, "-q", "-o", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
@@ -113,7 +113,7 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     back did so twice, and a kernel half loaded crashed (status -6 and -11, once each in 484 kills).
     """
     script = (
-        "import ctypes, os, signal, time; import miniloop_cli.bench.averaging as averaging\n"
+        "import ctypes, os, signal, time; import benchmarks.experiments.averaging as averaging\n"
         f"def rows(*_):{body}"
         "averaging.averaging_rows = rows\n"
         "from miniloop_cli.cli.main import main\n"

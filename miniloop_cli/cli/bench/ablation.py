@@ -29,7 +29,7 @@ COLUMNS = {
 
 def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from miniloop_cli.bench.ablation import VARIANTS
+        from benchmarks.experiments.ablation import VARIANTS
 
         for name, variant in VARIANTS.items():
             click.echo(f"{name:<24}{variant.settings}")
@@ -76,7 +76,7 @@ def bench_ablation(
     \b
     Example:   miniloop bench ablation path/to/freiburg1_desk --only "pairwise only" --only "pose graph"
     """
-    from miniloop_cli.bench.ablation import VARIANTS, ablation_rows, draw
+    from benchmarks.experiments.ablation import VARIANTS, ablation_rows, draw
     from miniloop_cli.runtime.parallel import Workers
 
     def line(row: Row) -> str:

@@ -72,7 +72,7 @@ def bench_averaging(
     \b
     Example:   miniloop bench averaging --scans 10000 --edges 50000 --outliers 0.1 --kind expander
     """
-    from miniloop_cli.bench.averaging import averaging_rows, draw
+    from benchmarks.experiments.averaging import averaging_rows, draw
     from miniloop_cli.runtime.progress import track
 
     graphs = [(k, n, edges or min(5 * n, n * (n - 1) // 2), share) for k in kind for share in outliers for n in scans]

@@ -43,7 +43,7 @@ def bench_calibration(
     \b
     Example:   miniloop bench calibration --seeds 5 --noise 1 --frames 30
     """
-    from miniloop_cli.bench.calibration import PATHS, calibration_cells, draw
+    from benchmarks.experiments.calibration import PATHS, calibration_cells, draw
     from miniloop_cli.runtime.parallel import Workers
 
     cells = []

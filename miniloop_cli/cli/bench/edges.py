@@ -53,7 +53,7 @@ def bench_edges(
     \b
     Example:   miniloop bench edges path/to/freiburg1_desk --longest 5
     """
-    from miniloop_cli.bench.edges import draw_edges, edge_rows
+    from benchmarks.experiments.edges import draw_edges, edge_rows
     from miniloop_cli.runtime.parallel import Workers
 
     def line(row: Row) -> str:

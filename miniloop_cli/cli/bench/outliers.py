@@ -54,8 +54,8 @@ def bench_outliers(
     Example:   miniloop bench outliers path/to/freiburg1_xyz --runs 5
     """
     from miniloop_cli.api import simulate
-    from miniloop_cli.bench.false_edges import true_graph
-    from miniloop_cli.bench.outliers import draw, outlier_rows
+    from benchmarks.experiments.false_edges import true_graph
+    from benchmarks.experiments.outliers import draw, outlier_rows
     from miniloop_cli.runtime.parallel import Workers
 
     shares, workers, rows = [value / 100 for value in percent], Workers(jobs, quiet), []

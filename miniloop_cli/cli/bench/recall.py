@@ -40,7 +40,7 @@ def bench_recall(
     \b
     Example:   miniloop bench recall path/to/freiburg1_desk
     """
-    from miniloop_cli.bench.recall import draw_recall, recall_rows
+    from benchmarks.experiments.recall import draw_recall, recall_rows
     from miniloop_cli.runtime.parallel import Workers
 
     def line(row: Row) -> str:

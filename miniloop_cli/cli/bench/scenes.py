@@ -38,7 +38,7 @@ def bench_scenes(
     \b
     Example:   miniloop bench scenes --only "repeated texture" --seeds 5
     """
-    from miniloop_cli.bench.scenes import SCENES, draw, scene_rows
+    from benchmarks.experiments.scenes import SCENES, draw, scene_rows
     from miniloop_cli.runtime.parallel import Workers
 
     def line(row: Row) -> str:

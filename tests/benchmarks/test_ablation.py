@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import evaluate, register, simulate
-from miniloop_cli.bench.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
-from miniloop_cli.bench.stages import Seconds, SessionClock, SessionStore, StageClock
+from benchmarks.experiments.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
+from benchmarks.experiments.stages import Seconds, SessionClock, SessionStore, StageClock
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.presets import load_settings

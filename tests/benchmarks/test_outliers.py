@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import simulate
-from miniloop_cli.bench import outliers
-from miniloop_cli.bench.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
-from miniloop_cli.bench.outliers import METHODS, outlier_rows
+from benchmarks.experiments import outliers
+from benchmarks.experiments.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
+from benchmarks.experiments.outliers import METHODS, outlier_rows
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.parallel import Workers
@@ -102,7 +102,7 @@ def test_a_result_that_is_wrong_is_not_within(graph, monkeypatch):
 
 @pytest.mark.skipif(not importlib.util.find_spec("gtsam"), reason="gtsam is not installed (extra bench)")
 def test_peers_solve_the_clean_graph(graph):
-    from miniloop_cli.bench.peers.outliers import installed
+    from benchmarks.experiments.peers.outliers import installed
 
     for name, solve in installed().items():
         T, posed, _ = solve(graph, graph.edges)

@@ -13,7 +13,7 @@ import numpy as np
 
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
-from miniloop_cli.bench.view_graphs import ViewGraph, view_graph
+from benchmarks.experiments.view_graphs import ViewGraph, view_graph
 from miniloop_cli.geometry.se3 import project_so3, rotation_angle_deg
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.typing import Floats
@@ -42,7 +42,7 @@ def averaging_rows(
     head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed}
     rows = [head | {"method": "miniloop"} | measure_miniloop(graph)]
     if peers:
-        from miniloop_cli.bench.peers.averaging import installed
+        from benchmarks.experiments.peers.averaging import installed
 
         rows += [head | {"method": name} | measure_peer(graph, solve) for name, solve in installed(scans).items()]
     return rows

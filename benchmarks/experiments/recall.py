@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.bench.stages import SessionStore, StageClock
+from benchmarks.experiments.stages import SessionStore, StageClock
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.pipeline import register

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from miniloop_cli.bench.view_graphs import ViewGraph
+from benchmarks.experiments.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.typing import Floats
 

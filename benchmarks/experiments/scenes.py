@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
+from benchmarks.experiments.pose_errors import aligned_errors, normalised_errors, within_2_sigma
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.pipeline import register

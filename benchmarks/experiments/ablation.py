@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.bench.stages import SessionClock, SessionStore
+from benchmarks.experiments.stages import SessionClock, SessionStore
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.datasets.intrinsics import default_camera

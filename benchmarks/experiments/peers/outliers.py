@@ -9,9 +9,9 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from miniloop_cli.bench.false_edges import Solution, Solve, TrueGraph
-from miniloop_cli.bench.peers.averaging import pycolmap_rotations
-from miniloop_cli.bench.view_graphs import ViewGraph
+from benchmarks.experiments.false_edges import Solution, Solve, TrueGraph
+from benchmarks.experiments.peers.averaging import pycolmap_rotations
+from benchmarks.experiments.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
 from miniloop_cli.scene.edge import Edge, pairs_of

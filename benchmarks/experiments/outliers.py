@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.bench.averaging import errors
-from miniloop_cli.bench.false_edges import KINDS, Solution, Solve, TrueGraph, with_false_edges
-from miniloop_cli.bench.view_graphs import ViewGraph
+from benchmarks.experiments.averaging import errors
+from benchmarks.experiments.false_edges import KINDS, Solution, Solve, TrueGraph, with_false_edges
+from benchmarks.experiments.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.alignment import umeyama
 from miniloop_cli.refinement.posegraph import refine_pose_graph
@@ -60,7 +60,7 @@ def outlier_rows(
     """
     methods = dict(METHODS)
     if peers:
-        from miniloop_cli.bench.peers.outliers import installed
+        from benchmarks.experiments.peers.outliers import installed
 
         methods |= installed()
     clean = {

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from miniloop_cli.bench.pose_errors import aligned_errors, normalised_errors, within_2_sigma
-from miniloop_cli.bench.scenes import SCENES, Scene, scene_row, scene_rows
+from benchmarks.experiments.pose_errors import aligned_errors, normalised_errors, within_2_sigma
+from benchmarks.experiments.scenes import SCENES, Scene, scene_row, scene_rows
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
