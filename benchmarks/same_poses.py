@@ -18,9 +18,9 @@ import numpy as np
 from clock import arguments, write_poses, write_result
 from numpy.typing import NDArray
 
-from miniloop_cli.averaging.rotations import average_rotations
 from benchmarks.experiments.peers.averaging import gtsam_rotations, pycolmap_rotations
 from benchmarks.experiments.view_graphs import ViewGraph
+from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.config import Averaging
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3

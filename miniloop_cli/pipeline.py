@@ -90,7 +90,8 @@ def register(
                 poses, edges = average(replace_edges(edges, more), count, settings.averaging, photometric)
         if len(poses.registered) < 2:
             unknown = np.full((count, 6, 6), np.nan)
-            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), watch.seconds, notes)
+            spent = watch.seconds, watch.cpu_seconds
+            run = Registration(sequence, settings, seed, scans, edges, poses, unknown, Timing(), *spent, notes)
             raise RegistrationError(_why_nothing(scans, edges, settings), run)
     with watch.stage("refinement"):
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
@@ -98,7 +99,17 @@ def register(
         inputs = Scans(features, points, stamps, depth_stamps, sequence.camera)
         found = refined(poses, edges, inputs, features_key, settings, store, workers)
     return Registration(
-        sequence, settings, seed, scans, edges, found.poses, found.covariance, found.timing, watch.seconds, notes
+        sequence,
+        settings,
+        seed,
+        scans,
+        edges,
+        found.poses,
+        found.covariance,
+        found.timing,
+        watch.seconds,
+        watch.cpu_seconds,
+        notes,
     )
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from benchmarks.experiments.stages import SessionClock, SessionStore
+from benchmarks.experiments.feature_store import FeatureStore
+from miniloop_cli.bench import Row
+from miniloop_cli.bench.known_overlaps import right
+from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.config import Settings
-from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.datasets import open_sequence
 from miniloop_cli.datasets.intrinsics import default_camera
-from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.errors import ConfigError
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
@@ -21,8 +24,7 @@ from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.results.folder import read_edge_list
-from miniloop_cli.runtime.artifact_store import default_folder
-from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, pairs_of
 from miniloop_cli.scene.interpolation import associate
@@ -31,9 +33,7 @@ from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
 
-Row = dict[str, Any]
 STAGES = ("matching", "edges", "averaging", "refinement")
-WRONG_DEG, WRONG_CM = 5.0, 10.0  # an edge that is farther off is no estimate but a mistake
 PROTOCOL = Protocol(association="nearest")  # as evo and the TUM scripts
 
 
@@ -87,68 +87,54 @@ VARIANTS: dict[str, Variant] = {
 
 
 def ablation_rows(
-    folders: Sequence[Path],
-    names: Iterable[str] = tuple(VARIANTS),
+    sequences: Sequence[Path],
+    names: Sequence[str] = (),
     edge_files: Sequence[Path] = (),
     seed: int = 0,
     workers: Workers | None = None,
 ) -> Iterator[Row]:
-    """Rows of each recording and each of the `names` of VARIANTS, one after the other; "default" always comes first.
+    """Rows of each recording and each of the `names` of VARIANTS (all without any); "default" always comes first.
 
     Edge errors are over a list of edges that all rows of a recording share: that of `edge_files` (one a recording,
     lines "i j"), else the default's verified edges; beside them stand the errors of the edges' own estimates.
-    Features are taken from the cache where they are; the seconds are those of all later stages, each stage measured
-    once for the same inputs, with everything compiled.
+    Features are taken from the cache where they are; the seconds are those of all later stages, made anew in every
+    run, with everything compiled.
     Raises InputError for a recording without ground truth, ConfigError for an unknown name.
     """
     if unknown := [name for name in names if name not in VARIANTS]:
         raise ConfigError(f"no variant '{unknown[0]}'; known are: {', '.join(VARIANTS)}")
-    if edge_files and len(edge_files) != len(folders):
-        raise ConfigError(f"{len(edge_files)} edge lists for {len(folders)} recordings: give one for each, in order")
+    if edge_files and len(edge_files) != len(sequences):
+        raise ConfigError(f"{len(edge_files)} edge lists for {len(sequences)} recordings: give one for each, in order")
     workers = workers or Workers()
-    chosen = {name: variant for name, variant in VARIANTS.items() if name == "default" or name in set(names)}
+    chosen = {name: variant for name, variant in VARIANTS.items() if not names or name in {"default", *names}}
     settings = {name: load_settings(variant.preset, variant.changes) for name, variant in chosen.items()}
-    recordings = [_open(folder) for folder in folders]
-    _warm_up(folders[0], workers)
+    recordings, store = [open_with_truth(folder) for folder in sequences], FeatureStore(default_folder())
+    _warm_up(sequences[0], store, workers)
     for k, (recording, truth) in enumerate(recordings):
-        store = SessionStore(default_folder())
         stamps = np.array([frame.timestamp_s for frame in recording.frames])
         edges = read_edge_list(edge_files[k], stamps) if edge_files else np.empty((0, 2))
         for name, variant in chosen.items():
             sequence = replace(recording, camera=_ros_camera(recording.camera)) if variant.ros_camera else recording
             if variant.ros_camera and _same(sequence.camera, recording.camera):
                 continue
-            clock = SessionClock(store)
-            with clock.listening():
-                run, problem = _register(sequence, settings[name], store, workers, seed)
+            run, problem = _register(sequence, settings[name], store, workers, seed)
             if not edge_files and name == "default":
                 edges = stamps[_verified(run)]
-            row = {"sequence": recording.name, "step": variant.step, "variant": name}
-            row |= _scores(run, stamps, truth, edges) | _estimates(run, stamps, truth)
-            row |= {f"{stage}_s": round(clock.seconds[stage].wall, 3) for stage in STAGES if stage in clock.seconds}
-            spent = [clock.seconds[stage] for stage in STAGES if stage in clock.seconds]
-            row |= {"seconds": round(sum(s.wall for s in spent), 3), "cpu_s": round(sum(s.cpu for s in spent), 3)}
+            row: Row = {"sequence": recording.name, "step": variant.step, "variant": name}
+            row |= _scores(run, stamps, truth, edges) | _estimates(run, stamps, truth) | _seconds(run)
             yield row | {"settings": variant.settings, "problem": problem}
 
 
-def _open(folder: Path) -> tuple[Recording, Trajectory]:
-    recording = open_sequence(folder)
-    truth = read_ground_truth(recording)
-    if truth is None:
-        raise InputError(f"{folder} comes without ground truth: an ablation has nothing to measure against")
-    return recording, truth
-
-
-def _warm_up(folder: Path, workers: Workers) -> None:
+def _warm_up(folder: Path, store: Store, workers: Workers) -> None:
     """Compile, or load what is compiled, on a few frames."""
     few = open_sequence(folder, max_frames=8)
     for name in ("default", "orb"):
         settings = load_settings(overrides=VARIANTS[name].changes)
-        _register(few, settings, SessionStore(default_folder()), Workers(workers.jobs, quiet=True), 0)
+        _register(few, settings, store, Workers(workers.jobs, quiet=True), 0)
 
 
 def _register(
-    sequence: Recording, settings: Settings, store: SessionStore, workers: Workers, seed: int
+    sequence: Recording, settings: Settings, store: Store, workers: Workers, seed: int
 ) -> tuple[Registration | None, str]:
     """The run, or as far as it came, and why no farther."""
     try:
@@ -197,20 +183,26 @@ def _estimates(run: Registration | None, stamps: Floats, truth: Trajectory) -> R
         return dict.fromkeys(("estimate_deg", "estimate_cm", "wrong_share"))
     i, j = pairs_of(found).T
     E = se3.inverse(T_true[i]) @ T_true[j] @ np.array([e.T_j_i for e in found])
-    deg, cm = se3.rotation_angle_deg(E[:, :3, :3]), 100 * np.linalg.norm(E[:, :3, 3], axis=1)
-    wrong = float(((deg > WRONG_DEG) | (cm > WRONG_CM)).mean())
-    row = {"estimate_deg": float(np.median(deg)), "estimate_cm": float(np.median(cm)), "wrong_share": wrong}
+    deg, metres = se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+    row = {"estimate_deg": float(np.median(deg)), "estimate_cm": 100 * float(np.median(metres))}
+    row |= {"wrong_share": float((~right(deg, metres)).mean())}
     return {key: _rounded(value) for key, value in row.items()}
+
+
+def _seconds(run: Registration | None) -> Row:
+    """Seconds of each of STAGES (None where the run did not get so far), and of all of them."""
+    wall, cpu = (run.timings_s, run.cpu_timings_s) if run else ({}, {})
+    row: Row = {f"{stage}_s": wall.get(stage) for stage in STAGES}
+    total_s, total_cpu_s = (sum(spent.get(stage, 0.0) for stage in STAGES) for spent in (wall, cpu))
+    return row | {"seconds": round(total_s, 3), "cpu_s": round(total_cpu_s, 3)}
 
 
 def _rounded(value: float | None, factor: float = 1.0) -> float | None:
     return None if value is None else round(factor * value, 4)
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Each variant's errors and CPU seconds beside the default's: three panels, a colour a recording."""
-    from matplotlib.figure import Figure
-
     names = list(dict.fromkeys(row["variant"] for row in rows))
     panels = {
         "ate_cm": "ATE rmse [cm]",
@@ -230,5 +222,4 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes.grid(axis="y", alpha=0.3)
         axes.set_yticks(range(len(names)), names)
     figure.axes[0].legend(fontsize="x-small")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -5,40 +5,58 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.experiments.view_graphs import ViewGraph, view_graph
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
-from benchmarks.experiments.view_graphs import ViewGraph, view_graph
+from miniloop_cli.bench import Row
 from miniloop_cli.geometry.se3 import project_so3, rotation_angle_deg
-from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
 
-Row = dict[str, Any]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def averaging_rows(
-    kind: str,
-    scans: int,
-    edges: int,
-    outliers: float,
-    noise_deg: float = 0.5,
-    noise_m: float = 0.01,
-    seed: int = 0,
-    peers: bool = False,
+    scans: Sequence[int],
+    edges: int | None,
+    outliers: Sequence[float],
+    kind: Sequence[str],
+    noise_deg: float,
+    noise_m: float,
+    peers: bool,
+    seed: int,
+    workers: Workers,
+) -> list[Row]:
+    """Rows of every combination of kind, share of outliers and number of scans; without `edges` 5 a scan.
+
+    `workers` say whether progress is shown: everything is measured in this thread.
+    """
+    _warm_up()
+    rows = []
+    for each, share, count in track(list(product(kind, outliers, scans)), "View graphs", quiet=workers.quiet):
+        many = edges or min(5 * count, count * (count - 1) // 2)
+        rows += graph_rows(each, count, many, share, noise_deg, noise_m, peers, seed)
+    return rows
+
+
+def graph_rows(
+    kind: str, scans: int, edges: int, outliers: float, noise_deg: float, noise_m: float, peers: bool, seed: int
 ) -> list[Row]:
     """One row for miniloop on a view graph, and with `peers` one for each peer installed.
 
     Times are wall-clock seconds with everything compiled; `peak_mb` is the process's largest resident memory so far,
     graph and interpreter included. Errors are of the scans' poses after the best alignment with the true ones.
     """
-    _warm_up()
     graph = view_graph(kind, scans, edges, outliers, noise_deg, noise_m, np.random.default_rng(seed))
-    head = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
+    head: Row = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
     head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed}
     rows = [head | {"method": "miniloop"} | measure_miniloop(graph)]
     if peers:
@@ -56,7 +74,7 @@ def measure_miniloop(graph: ViewGraph) -> Row:
     weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
     translations = average_translations(rotations.R_world_cam, graph.pairs, graph.T_j_i[:, :3, 3], weights)
     end = time.perf_counter()
-    row = {"seconds": end - start, "rotation_seconds": middle - start, "translation_seconds": end - middle}
+    row: Row = {"seconds": end - start, "rotation_seconds": middle - start, "translation_seconds": end - middle}
     row |= errors(graph, rotations.R_world_cam, translations.t_world_cam)
     row |= {"peak_mb": _peak_mb(), "converged": rotations.converged and translations.converged}
     return row | {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
@@ -65,7 +83,7 @@ def measure_miniloop(graph: ViewGraph) -> Row:
 def measure_peer(graph: ViewGraph, solve: Callable[[ViewGraph], tuple[Floats, float]]) -> Row:
     """A peer's rotations: `solve` gives them with the seconds of its own call, without the setting up."""
     R_world_cam, seconds = solve(graph)
-    row = {"seconds": seconds, "rotation_seconds": seconds, "translation_seconds": None}
+    row: Row = {"seconds": seconds, "rotation_seconds": seconds, "translation_seconds": None}
     return row | errors(graph, R_world_cam, None) | {"peak_mb": _peak_mb(), "converged": None}
 
 
@@ -84,9 +102,9 @@ def errors(graph: ViewGraph, R_world_cam: Floats, t_world_cam: Floats | None) ->
     return row | {"trans_err_median": float(np.median(np.linalg.norm(offset - np.median(offset, axis=0), axis=1)))}
 
 
-def draw(rows: list[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Seconds and median rotation error over the number of scans, a line for every kind, share and method."""
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure  # late: it would count in the memory that is measured
 
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -100,8 +118,7 @@ def draw(rows: list[Row], path: Path) -> None:
     left.set(xscale="log", yscale="log", xlabel="scans", ylabel="seconds")
     right.set(xscale="log", yscale="log", xlabel="scans", ylabel="median rotation error, degrees")
     left.legend(fontsize="x-small")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=150)
+    return figure
 
 
 def _warm_up() -> None:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
 from miniloop_cli.presets import load_settings
-from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, Edge
 from miniloop_cli.scene.poses import Poses
@@ -24,27 +24,21 @@ from miniloop_cli.typing import Floats, Pair
 from miniloop_cli.verification.photometric_check import PhotometricCheck
 from miniloop_cli.verification.repetition import steps_m
 
-Row = dict[str, Any]
 LENGTHS = (2, 3, 4, 5, 6, 7)
 NAMES = {2: "pairs only", **{n: f"up to {n}-cycles" for n in LENGTHS[1:]}}
 REPEATS = 3
 
 
 def edge_rows(
-    folders: Sequence[Path],
-    lengths: Sequence[int] = (2, 3, 4, 5),
-    max_frames: int | None = None,
-    seed: int = 0,
-    workers: Workers | None = None,
+    sequences: Sequence[Path], lengths: Sequence[int], max_frames: int | None, seed: int, workers: Workers
 ) -> Iterator[Row]:
     """A row a recording and longest cycle, pairs first; the errors of all rows of a recording are over the same edges.
 
     "before": edges as they were estimated, those that every row verified; "after": the same edges between the
     averaged poses. `cpu_s`: of solving the edges, user and system time of all threads, the least of a few runs.
     """
-    workers = workers or Workers()
     lengths = sorted({2, *lengths})
-    for folder in folders:
+    for folder in sequences:
         settings = {n: load_settings(overrides=(f"cycles.longest={n}",)) for n in lengths}
         overlaps = read_overlaps(folder, settings[2], max_frames, workers)
         _warm_up(overlaps, settings.values(), seed, workers)
@@ -75,7 +69,7 @@ def _solve(overlaps: Overlaps, settings: Settings, seed: int, workers: Workers) 
     return edges, least
 
 
-def _warm_up(overlaps: Overlaps, settings: Sequence[Settings], seed: int, workers: Workers) -> None:
+def _warm_up(overlaps: Overlaps, settings: Iterable[Settings], seed: int, workers: Workers) -> None:
     """Compile, or load what is compiled, on the first scans."""
     few = {pair: rows for pair, rows in overlaps.matches.items() if max(pair) < 12}
     for one in settings:
@@ -114,10 +108,8 @@ def _errors(when: str, overlaps: Overlaps, pairs: Sequence[Pair], T_j_i: Floats)
     return row
 
 
-def draw_edges(rows: Sequence[Row], path: Path) -> None:
+def draw_edges(rows: Sequence[Row]) -> Figure:
     """Errors over those of pairs only, in percent: a panel a recording, a line a measure, by the longest cycle."""
-    from matplotlib.figure import Figure
-
     sequences = list(dict.fromkeys(row["sequence"] for row in rows))
     figure = Figure(figsize=(4.6 * max(len(sequences), 1) + 2.2, 4), layout="constrained")
     panels = figure.subplots(1, max(len(sequences), 1), sharey=True, squeeze=False)[0]
@@ -136,5 +128,4 @@ def draw_edges(rows: Sequence[Row], path: Path) -> None:
         axes.set(title=sequence, ylabel="error [% of pairs only]" if axes is panels[0] else None)
         axes.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

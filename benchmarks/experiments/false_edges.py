@@ -31,8 +31,13 @@ FALSE_DEG, FALSE_M = 15.0, 0.30
 PATIENCE = 200  # draws in a row that bring no false edge: there are no more to be had
 LEAST_SCANS = 10
 # All gates open, so that every edge is there which its inliers verify.
-UNGATED = ("refine=none", "averaging.min_photo_consistency=0", "averaging.min_bridge_inliers=0")
-UNGATED += ("averaging.max_residual_deg=180", "averaging.max_residual_m=1000")
+UNGATED = (
+    "refine=none",
+    "averaging.min_photo_consistency=0",
+    "averaging.min_bridge_inliers=0",
+    "averaging.max_residual_deg=180",
+    "averaging.max_residual_m=1000",
+)
 
 
 @dataclass(frozen=True)

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.experiments.averaging import errors
-from benchmarks.experiments.false_edges import KINDS, Solution, Solve, TrueGraph, with_false_edges
+from benchmarks.experiments.false_edges import KINDS, Solution, Solve, TrueGraph, true_graph, with_false_edges
 from benchmarks.experiments.view_graphs import ViewGraph
+from miniloop_cli.api import simulate
+from miniloop_cli.bench import Row
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.alignment import umeyama
 from miniloop_cli.refinement.posegraph import refine_pose_graph
-from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import REJECTED, Edge
 from miniloop_cli.scene.poses import usable_edges
 from miniloop_cli.stages.average import average
 from miniloop_cli.typing import Bools
 from miniloop_cli.verification.photometric_check import PhotometricCheck
 
-Row = dict[str, Any]
-SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
+SIMULATED = {"simulated-loop": "loop", "simulated-walk": "random-walk"}  # names and paths
 MAX_ERROR_FACTOR = 2.0  # times the error on the clean graph
 LEAST_POSED = 0.95  # of the scans that the clean graph places
 
@@ -50,8 +52,28 @@ METHODS: dict[str, Solve] = {"miniloop": looking, "miniloop, edges only": minilo
 
 
 def outlier_rows(
-    graph: TrueGraph, shares: Sequence[float] = SHARES, runs: int = 10, seed: int = 0, peers: bool = False
-) -> Iterable[Row]:
+    sequences: Sequence[Path],
+    simulated: bool,
+    max_frames: int,
+    percent: Sequence[float],
+    runs: int,
+    peers: bool,
+    seed: int,
+    workers: Workers,
+) -> Iterator[Row]:
+    """Rows of the true graph of each recording, and of two `simulated` ones; `percent` of the edges are false."""
+    with tempfile.TemporaryDirectory() as root:
+        folders = list(sequences)
+        for name, path in SIMULATED.items() if simulated else ():
+            folders.append(simulate(Path(root) / name, seed=seed, frames=max_frames, width=320, height=240, path=path))
+        for folder in folders:
+            graph = true_graph(folder, max_frames, seed, workers)
+            yield from graph_rows(graph, [value / 100 for value in percent], runs, seed, peers)
+
+
+def graph_rows(
+    graph: TrueGraph, shares: Sequence[float], runs: int, seed: int = 0, peers: bool = False
+) -> Iterator[Row]:
     """One row a kind of false edges, share and method; every method sees the same graphs.
 
     A run is within bounds if its error is at most MAX_ERROR_FACTOR times that of the same method on the clean graph,
@@ -90,9 +112,8 @@ def _measured(graph: TrueGraph, edges: Sequence[Edge], false: Bools, solve: Solv
     row |= {"ate_cm": None, "rot_deg": None, "false_kept": None, "true_lost": None}
     if len(scans) >= 3:
         T_true = graph.T_world_cam[scans]
-        row["rot_deg"] = errors(ViewGraph(T_true, np.empty((0, 2)), T_true, false), T[scans, :3, :3], None)[
-            "rot_err_deg_mean"
-        ]
+        truth = ViewGraph(T_true, np.empty((0, 2), np.int64), T_true, false)
+        row["rot_deg"] = errors(truth, T[scans, :3, :3], None)["rot_err_deg_mean"]
         if np.isfinite(T[scans, :3, 3]).all():
             moved = umeyama(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
             row["ate_cm"] = 100 * float(np.sqrt(((moved - T_true[:, :3, 3]) ** 2).sum(axis=1).mean()))
@@ -126,10 +147,8 @@ def _summary(found: Sequence[Row], clean: Row) -> Row:
     return {key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()}
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Share of runs within bounds against the share of false edges: a row of panels a kind, a panel a recording."""
-    from matplotlib.figure import Figure
-
     sequences, methods = (list(dict.fromkeys(row[key] for row in rows)) for key in ("sequence", "method"))
     figure = Figure(figsize=(1 + 3.4 * len(sequences), 6), layout="constrained")
     panels = figure.subplots(len(KINDS), len(sequences), sharex=True, sharey=True, squeeze=False)
@@ -149,5 +168,4 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     for axes in panels[:, 0]:
         axes.set_ylabel("runs within 2 x clean error [%]")
     panels[0, 0].legend(fontsize="x-small")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.experiments.pose_errors import aligned_errors, normalised_errors, within_2_sigma
-from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.bench import Row
+from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.results.tables import reason
 from miniloop_cli.runtime.artifact_store import Store, default_folder
-from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -66,19 +65,22 @@ SCENES: dict[str, Scene] = {
 
 
 def scene_rows(
-    names: Iterable[str] = tuple(SCENES),
+    names: Sequence[str] = (),
     frames: int = 30,
     width: int = 640,
-    seeds: Sequence[int] = (0,),
+    seeds: int = 1,
+    seed: int = 0,
     workers: Workers | None = None,
 ) -> Iterator[Row]:
-    """One row a scene and seed. Scenes of few or many frames keep their number. Raises ConfigError for a name."""
-    names = list(names)
+    """One row a scene (all without `names`) and each of so many `seeds`, from `seed` on.
+
+    Scenes of few or many frames keep their number. Raises ConfigError for an unknown name.
+    """
     if unknown := [name for name in names if name not in SCENES]:
         raise ConfigError(f"no scene '{unknown[0]}'; known are: {', '.join(SCENES)}")
-    for name in names:
-        for seed in seeds:
-            yield scene_row(name, SCENES[name], frames, width, seed, workers or Workers())
+    for name in names or SCENES:
+        for each in range(seed, seed + seeds):
+            yield scene_row(name, SCENES[name], frames, width, each, workers or Workers())
 
 
 def scene_row(name: str, scene: Scene, frames: int, width: int, seed: int, workers: Workers) -> Row:
@@ -86,28 +88,28 @@ def scene_row(name: str, scene: Scene, frames: int, width: int, seed: int, worke
     size = {"frames": frames, "width": width, "height": width * 3 // 4}
     with tempfile.TemporaryDirectory() as root:
         folder = write_sequence(Path(root) / "scene", SimulationSettings(**(size | scene.changes)), seed)
-        sequence = open_sequence(folder)
-        truth = read_ground_truth(sequence)
-        problem = ""
+        sequence, truth = open_with_truth(folder)
+        run, problem = None, ""
         try:
-            run: Registration | None = register(sequence, load_settings(), Store(default_folder()), workers, 0)
+            run = register(sequence, load_settings(), Store(default_folder()), workers, 0)
         except RegistrationError as error:
-            run, problem = error.run, str(error)
+            problem = str(error)
     T_true, _ = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
     count = len(sequence.frames)
-    row = {"scene": name, "seed": seed, "expected": scene.expected, "frames": count}
-    posed = run.poses.registered if run is not None and not problem else np.zeros(0, int)
-    row |= {"registered": len(posed), "ate_cm": None, "rot_deg": None, "within_2_sigma": None}
-    if len(posed):
-        metres, degrees = aligned_errors(run.poses.T_world_cam[posed], T_true[posed])
-        row["ate_cm"], row["rot_deg"] = (float(np.sqrt((e**2).mean())) for e in (100 * metres, degrees))
-        row["within_2_sigma"] = within_2_sigma(
-            normalised_errors(run.poses.T_world_cam[posed], T_true[posed], run.covariance[posed])
+    row: Row = {"scene": name, "seed": seed, "expected": scene.expected, "frames": count}
+    row |= {"registered": 0, "ate_cm": None, "rot_deg": None, "within_2_sigma": None, "verdict": problem}
+    silent = False
+    if run is not None:
+        posed = run.poses.registered
+        T, T_posed, covariance = run.poses.T_world_cam[posed], T_true[posed], run.covariance[posed]
+        lost = sorted(set(range(count)) - set(posed.tolist()))
+        silent = not all(reason(run, k) for k in lost)
+        row |= {"registered": len(posed), "verdict": _said(run, lost, count)}
+        row["ate_cm"], row["rot_deg"] = (
+            float(np.sqrt((e**2).mean())) * scale for e, scale in zip(aligned_errors(T, T_posed), (100, 1), strict=True)
         )
-    lost = sorted(set(range(count)) - set(posed.tolist()))
-    silent = [k for k in lost if not problem and not reason(run, k)]
-    row["verdict"] = problem or _said(run, lost, count)
-    right = scene.least * count - 1e-9 <= len(posed) <= scene.most * count + 1e-9 and not silent
+        row["within_2_sigma"] = within_2_sigma(normalised_errors(T, T_posed, covariance))
+    right = scene.least * count - 1e-9 <= row["registered"] <= scene.most * count + 1e-9 and not silent
     right &= row["ate_cm"] is None or row["ate_cm"] <= scene.most_cm
     return {k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()} | {"as_expected": bool(right)}
 
@@ -118,10 +120,8 @@ def _said(run: Registration, lost: Sequence[int], count: int) -> str:
     return said + (f"; frame {lost[0]}: {reason(run, lost[0])}" if lost else "")
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Share of frames registered and error of each scene; green as expected, red not."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 1 + 0.3 * len(rows)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     colors = ["tab:green" if row["as_expected"] else "tab:red" for row in rows]
@@ -130,5 +130,4 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     left.set_yticks(range(len(rows)), [f"{row['scene']}, seed {row['seed']}" for row in rows])
     left.set(xlabel="frames registered [%]", xlim=(0, 100), ylim=(len(rows) - 0.5, -0.5))
     right.set(xlabel="position error, rmse [cm]")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -85,11 +85,11 @@ def _walk(scans: int, rng: np.random.Generator) -> Floats:
 def _video_pairs(T_world_cam: Floats, edges: int, rng: np.random.Generator) -> Ints:
     """Neighbours in time (about 80 % of the edges), then loops: the nearest other views in place and direction."""
     scans = len(T_world_cam)
-    in_time, gap = [], 0
-    while sum(map(len, in_time)) < 0.8 * edges and gap < scans - 1:
+    in_time, gap = list[Ints](), 0
+    while sum(len(part) for part in in_time) < 0.8 * edges and gap < scans - 1:
         gap += 1
         first = np.arange(scans - gap)
-        left = max(round(0.8 * edges), scans - 1) - sum(map(len, in_time))
+        left = max(round(0.8 * edges), scans - 1) - sum(len(part) for part in in_time)
         if len(first) > left:
             first = np.sort(rng.choice(first, left, replace=False))
         in_time.append(np.column_stack([first, first + gap]))

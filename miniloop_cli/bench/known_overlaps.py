@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.config import Settings
-from miniloop_cli.datasets import open_sequence, read_ground_truth
-from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.ransac.matches import edge_matches
@@ -58,14 +57,11 @@ def right(deg: Floats, metres: Floats) -> Bools:
 
 def read_overlaps(folder: Path, settings: Settings, max_frames: int | None, workers: Workers) -> Overlaps:
     """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
-    sequence, matching = open_sequence(folder, max_frames=max_frames), settings.matching
-    truth = read_ground_truth(sequence)
-    if truth is None:
-        raise InputError(f"{folder} comes without ground truth: there is nothing to tell right edges by")
+    sequence, truth = open_with_truth(folder, max_frames)
     scans = list(extract(sequence, settings, Store(default_folder()), workers))
     features = [scan.features for scan in scans]
     points = [scan_points(found, sequence.camera) for found in features]
-    pairs = listed_pairs(len(scans), "auto", matching)
+    pairs = listed_pairs(len(scans), "auto", settings.matching)
     matches = comparer(features, points, settings, workers)(pairs)
     T_world_cam, known = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
     return Overlaps(sequence.name, sequence.camera, scans, points, matches, T_world_cam, known)

@@ -27,7 +27,10 @@ class RegistrationError(MiniloopError):
 
 @dataclass(frozen=True)
 class Registration:
-    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage."""
+    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
+
+    `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
+    """
 
     sequence: Sequence
     settings: Settings
@@ -38,4 +41,5 @@ class Registration:
     covariance: Floats
     timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
+    cpu_timings_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from miniloop_cli.averaging.rotations import average_rotations
 from benchmarks.experiments.averaging import errors
 from benchmarks.experiments.view_graphs import view_graph
+from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, rotation_angle_deg
 from miniloop_cli.scene.view_graph import GraphError, components

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from miniloop_cli.api import evaluate, register, simulate
 from benchmarks.experiments.ablation import PROTOCOL, VARIANTS, ablation_rows, draw
 from benchmarks.experiments.stages import Seconds, SessionClock, SessionStore, StageClock
+from miniloop_cli.api import evaluate, register, simulate
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.presets import load_settings

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from miniloop_cli.cli.bench.averaging import bench_averaging
 
 from benchmarks.experiments.averaging import errors
 from benchmarks.experiments.view_graphs import view_graph
-from miniloop_cli.cli.bench.averaging import bench_averaging
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, inverse, rotation_angle_deg
 from miniloop_cli.scene.view_graph import components

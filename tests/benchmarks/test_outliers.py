@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from miniloop_cli.api import simulate
 from benchmarks.experiments import outliers
 from benchmarks.experiments.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
 from benchmarks.experiments.outliers import METHODS, outlier_rows
+from miniloop_cli.api import simulate
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.parallel import Workers

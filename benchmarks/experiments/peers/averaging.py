@@ -12,6 +12,7 @@ from benchmarks.experiments.view_graphs import ViewGraph
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.typing import Floats
 
+Solve = Callable[[ViewGraph], tuple[Floats, float]]
 SHONAN_SCANS = 1000
 """gtsam's Shonan averaging certifies its optimum; beyond some thousand scans that takes minutes to hours."""
 
@@ -61,9 +62,9 @@ def gtsam_rotations(graph: ViewGraph) -> tuple[Floats, float]:
     return np.array([values.atRot3(k).matrix() for k in range(len(graph.T_world_cam))]), seconds
 
 
-def installed(scans: int) -> dict[str, Callable[[ViewGraph], tuple[Floats, float]]]:
+def installed(scans: int) -> dict[str, Solve]:
     """The peers that are installed and can take a graph of `scans` scans."""
-    found = {"pycolmap": pycolmap_rotations} if importlib.util.find_spec("pycolmap") else {}
+    found: dict[str, Solve] = {"pycolmap": pycolmap_rotations} if importlib.util.find_spec("pycolmap") else {}
     if importlib.util.find_spec("gtsam") and scans <= SHONAN_SCANS:
         found["gtsam"] = gtsam_rotations
     return found

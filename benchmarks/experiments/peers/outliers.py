@@ -49,7 +49,7 @@ def _pose_graph(graph: TrueGraph, edges: Sequence[Edge], kernel: Any) -> tuple[A
     for edge in edges:
         A = se3.adjoint(edge.T_j_i)  # ours is a step in scan j, gtsam's in scan i: xi_j = Ad(T_j_i) xi_i
         information = scale * A.T @ edge.information @ A
-        model = gtsam.noiseModel.Gaussian.Information(0.5 * (information + information.T))
+        model: Any = gtsam.noiseModel.Gaussian.Information(0.5 * (information + information.T))
         if kernel is not None:
             model = gtsam.noiseModel.Robust.Create(kernel, model)
         factors.add(gtsam.BetweenFactorPose3(edge.j, edge.i, gtsam.Pose3(edge.T_j_i), model))
