@@ -10,6 +10,8 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, whole
 from miniloop_cli.cli.bench.table import MAX_FRAMES, SEQUENCES
 
+UNITS = ("deg", "cm")
+
 
 def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     if wanted:
@@ -70,7 +72,8 @@ ABLATION = Benchmark(
             "edge_files",
             multiple=True,
             type=click.Path(exists=True, dir_okay=False, path_type=Path),
-            help="Measure edge errors on these (lines 'i j'); one file a SEQ, in order [default: the default's verified].",
+            help="Measure edge errors on these (lines 'i j'); one file a SEQ, in order"
+            " [default: the default's verified].",
         ),
         click.option(
             "--only", "names", multiple=True, metavar="VARIANT", help="Only this variant beside the default; repeat."

@@ -1,12 +1,12 @@
-"""The view graphs and `miniloop bench averaging`."""
+"""The view graphs and `python -m benchmarks averaging`."""
 
 import json
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from miniloop_cli.cli.bench.averaging import bench_averaging
 
+from benchmarks.__main__ import benchmarks
 from benchmarks.experiments.averaging import errors
 from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.errors import ConfigError
@@ -66,8 +66,21 @@ def test_impossible_graphs_are_refused(kind, edges, outliers):
 
 
 def test_command_writes_rows_and_picture(tmp_path):
-    arguments = ["--scans", "100", "--edges", "600", "--outliers", "10", "--kind", "expander", "--json", "-", "-q"]
-    result = CliRunner().invoke(bench_averaging, [*arguments, "-o", str(tmp_path)])
+    arguments = [
+        "averaging",
+        "--scans",
+        "100",
+        "--edges",
+        "600",
+        "--outliers",
+        "10",
+        "--kind",
+        "expander",
+        "--json",
+        "-",
+        "-q",
+    ]
+    result = CliRunner().invoke(benchmarks, [*arguments, "-o", str(tmp_path)])
     assert result.exit_code == 0, result.output
     (row,) = json.loads(result.stdout)["rows"]
     assert (row["scans"], row["edges"], row["outliers"], row["kind"]) == (100, 600, 0.1, "expander")
@@ -80,6 +93,6 @@ def test_command_writes_rows_and_picture(tmp_path):
 
 
 def test_more_than_all_edges_false_is_wrong_usage(tmp_path):
-    result = CliRunner().invoke(bench_averaging, ["--outliers", "150", "-o", str(tmp_path)])
+    result = CliRunner().invoke(benchmarks, ["averaging", "--outliers", "150", "-o", str(tmp_path)])
     assert result.exit_code == 2
     assert "percent" in result.output

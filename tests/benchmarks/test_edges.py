@@ -1,4 +1,4 @@
-"""`miniloop bench edges` on a small simulated recording: the same edges for all rows, errors of estimates and poses."""
+"""`python -m benchmarks edges` on a simulated recording: the same edges for all rows, errors of estimates and poses."""
 
 import csv
 import json
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import simulate
-from miniloop_cli.cli.bench import bench
 
 KINDS = [
     f"{when}_{name}_{kind}"
@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
 
 def rows(folder, output, *arguments):
     command = ["edges", str(folder), "-o", str(output), "--json", "-", "-q", *arguments]
-    result = CliRunner().invoke(bench, command, catch_exceptions=False)
+    result = CliRunner().invoke(benchmarks, command, catch_exceptions=False)
     assert result.exit_code == 0
     return json.loads(result.stdout)["rows"]
 

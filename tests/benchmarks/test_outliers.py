@@ -1,4 +1,4 @@
-"""`miniloop bench outliers`: false edges are what they are said to be, and what is measured is what is said."""
+"""`python -m benchmarks outliers`: false edges are what they are said to be, and what is measured is what is said."""
 
 import csv
 import importlib.util
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.__main__ import benchmarks
 from benchmarks.experiments import outliers
 from benchmarks.experiments.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
-from benchmarks.experiments.outliers import METHODS, outlier_rows
+from benchmarks.experiments.outliers import METHODS, graph_rows
 from miniloop_cli.api import simulate
-from miniloop_cli.cli.bench import bench
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.registration import RegistrationError
@@ -73,7 +73,7 @@ def test_consistent_edges_agree_in_where_the_other_scans_lie(graph):
 
 def test_command_on_a_recording(folder, tmp_path):
     arguments = ["outliers", str(folder), "--no-simulated", "--percent", "20", "--runs", "2", "-o", str(tmp_path)]
-    result = CliRunner().invoke(bench, [*arguments, "--json", "-", "-q"])
+    result = CliRunner().invoke(benchmarks, [*arguments, "--json", "-", "-q"])
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)["rows"]
     assert [(r["kind"], r["method"]) for r in rows] == [(k, m) for k in ("random", "consistent") for m in METHODS]
@@ -95,7 +95,7 @@ def test_a_result_that_is_wrong_is_not_within(graph, monkeypatch):
         return T, posed, [replace(edge, verdict="verified") for edge in edges]
 
     monkeypatch.setattr(outliers, "METHODS", {"wrong": believes_all})
-    rows = list(outlier_rows(graph, [0.2], 2))
+    rows = list(graph_rows(graph, [0.2], 2))
     assert [row["within_share"] for row in rows] == [0, 0] and [row["rot_within_share"] for row in rows] == [1, 1]
     assert [row["false_kept_mean"] for row in rows] == [1, 1]
 

@@ -1,19 +1,19 @@
-"""`miniloop bench recall` on a small simulated recording: nearly no verified edge is lost by choosing candidates."""
+"""`python -m benchmarks recall` on a simulated recording: nearly no verified edge is lost by choosing candidates."""
 
 import csv
 import json
 
 from click.testing import CliRunner
 
+from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import simulate
-from miniloop_cli.cli.bench import bench
 
 
 def test_rows_and_files(tmp_path, monkeypatch):
     monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
     folder = simulate(tmp_path / "sim", frames=14, width=320, height=240, path="loop")
     command = ["recall", str(folder), "-o", str(tmp_path / "out"), "--json", "-", "-q", "-j", "1"]
-    result = CliRunner().invoke(bench, command, catch_exceptions=False)
+    result = CliRunner().invoke(benchmarks, command, catch_exceptions=False)
     assert result.exit_code == 0
     rows = json.loads(result.stdout)["rows"]
     assert [row["candidates"] for row in rows] == ["exhaustive", "auto", "retrieval"]

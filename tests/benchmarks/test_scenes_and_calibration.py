@@ -1,4 +1,4 @@
-"""`miniloop bench scenes` and `bench calibration`, in small: right answers to hard scenes, errors in sigmas."""
+"""`python -m benchmarks scenes` and `calibration`, in small: right answers to hard scenes, errors in sigmas."""
 
 import csv
 import json
@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.__main__ import benchmarks
 from benchmarks.experiments.pose_errors import aligned_errors, normalised_errors, within_2_sigma
 from benchmarks.experiments.scenes import SCENES, Scene, scene_row, scene_rows
-from miniloop_cli.cli.bench import bench
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.parallel import Workers
@@ -102,7 +102,7 @@ def test_a_wrong_answer_is_told():
 
 def test_commands(tmp_path):
     arguments = ["scenes", "--only", "two frames", "--width", "320", "-o", str(tmp_path), "--json", "-", "-q"]
-    result = CliRunner().invoke(bench, arguments)
+    result = CliRunner().invoke(benchmarks, arguments)
     assert result.exit_code == 0, result.output
     assert [row["registered"] for row in json.loads(result.stdout)["rows"]] == [2]
     arguments = [
@@ -119,7 +119,7 @@ def test_commands(tmp_path):
         "-",
         "-q",
     ]
-    result = CliRunner().invoke(bench, arguments)
+    result = CliRunner().invoke(benchmarks, arguments)
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)["rows"]
     assert [row["path"] for row in rows] == ["loop", "xyz", "random-walk", "rotation"]

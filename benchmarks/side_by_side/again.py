@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from clock import Clock, arguments, write_result
+from benchmarks.side_by_side.clock import Clock, arguments, write_result
 
 CHANGED = ("rotation_scale_deg=2.5", "rotation_scale_deg=4", "translation_scale_m=0.05")
 
@@ -19,7 +19,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "MINILOOP_CACHE": str(Path(folder) / "cache")}
         command = [sys.executable, "-m", "miniloop_cli", "register", str(options.sequence), "-q", "-o", f"{folder}/out"]
-        changes = {"(from nothing)": []} | {setting: ["--set", f"averaging.{setting}"] for setting in CHANGED}
+        changes: dict[str, list[str]] = {"(from nothing)": []}
+        changes |= {setting: ["--set", f"averaging.{setting}"] for setting in CHANGED}
         for name, more in changes.items():
             with clock.stage(name):
                 subprocess.run([*command, *more], env=environment, check=True, stdout=subprocess.DEVNULL)

@@ -9,10 +9,10 @@ from typing import Any
 import cv2
 import faiss
 import numpy as np
-from clock import arguments, write_result
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from benchmarks.side_by_side.clock import arguments, write_result
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.features.detect import comparable
 from miniloop_cli.features.match import match
@@ -75,7 +75,7 @@ MATCHERS: dict[str, Matcher] = {
 
 def measure(descriptors: list[NDArray], pairs: list[tuple[int, int]]) -> list[dict[str, Any]]:
     """CPU milliseconds a pair, each pair's fastest of a few; matches a pair, and the share that miniloop finds too."""
-    rows, ours = [], []
+    rows, ours = [], list[set[tuple[int, ...]]]()
     for name, matcher in MATCHERS.items():
         seconds, found = 0.0, []
         for i, j in pairs:
@@ -88,8 +88,9 @@ def measure(descriptors: list[NDArray], pairs: list[tuple[int, int]]) -> list[di
             seconds += min(times)
             found.append({tuple(row) for row in result.tolist()})
         ours = ours or found
-        same = sum(len(x & y) for x, y in zip(ours, found, strict=True)) / max(sum(map(len, found)), 1)
-        row = {"matcher": name, "ms": 1000 * seconds / len(pairs), "matches": sum(map(len, found)) / len(pairs)}
+        matches = sum(len(each) for each in found)
+        same = sum(len(x & y) for x, y in zip(ours, found, strict=True)) / max(matches, 1)
+        row = {"matcher": name, "ms": 1000 * seconds / len(pairs), "matches": matches / len(pairs)}
         rows.append(row | {"also_ours": same})
     return rows
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import open3d as o3d
-from clock import Clock, arguments, write_poses, write_result
 from numpy.typing import NDArray
 
+from benchmarks.side_by_side.clock import Clock, arguments, write_poses, write_result
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.features.detect import comparable
 from miniloop_cli.geometry import se3
@@ -94,7 +94,8 @@ def main() -> None:
         descriptors = [comparable(found.descriptors[: found.with_depth], "rootsift") for found in features]
         pairs = [(i, j) for i in range(len(features)) for j in range(i + 1, len(features))]
         if options.matcher == "opencv":
-            from matching import opencv  # late: what it imports beside would count in the memory of the other row
+            # Late: what it imports beside would count in the memory of the other row.
+            from benchmarks.side_by_side.matching import opencv
 
             found = workers.map(lambda p: opencv(descriptors[p[0]], descriptors[p[1]]), pairs, "matching", len(pairs))
             matches = enough(pairs, found, settings.matching)
@@ -103,9 +104,9 @@ def main() -> None:
     with clock.stage("edges"):
         edges = {}
         for (i, j), rows in matches.items():
-            found = register_pair(points[i][rows[:, 0]], points[j][rows[:, 1]], options.distance_m)
-            if found[2] >= options.min_inliers:
-                edges[i, j] = found
+            edge = register_pair(points[i][rows[:, 0]], points[j][rows[:, 1]], options.distance_m)
+            if edge[2] >= options.min_inliers:
+                edges[i, j] = edge
     with clock.stage("pose graph"):
         poses = optimise(len(features), edges, options.distance_m)
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])

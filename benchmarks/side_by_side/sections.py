@@ -22,17 +22,23 @@ Mutual nearest neighbours with the ratio test (0.8), exact, one thread; CPU mill
 pair's fastest of three. "Same": share of its matches that miniloop finds too (bits tie: which of several equally near
 neighbours is taken differs)."""
 AVERAGING_TEXT = """\
-`miniloop bench averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of the
-call, wall clock. miniloop's include translations, pycolmap's and gtsam's (Shonan) are rotations alone."""
+`python -m benchmarks averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of
+the call, wall clock. miniloop's include translations, pycolmap's and gtsam's (Shonan) are rotations alone."""
 AGAIN_TEXT = """\
 `miniloop register -q` as it is called, report and model included: from nothing, then again into the same folder with
 one setting of the averaging changed."""
 ABLATION_TEXT = """\
-One thing changed at a time (`miniloop bench ablation`). Wrong: share of edges whose own estimate, before averaging, is
-off by more than 5 deg or 10 cm. Seconds of all stages after the features, in one process with everything compiled."""
+One thing changed at a time (`python -m benchmarks ablation`). Wrong: share of edges whose own estimate, before
+averaging, is off by more than 5 deg or 10 cm. Seconds of all stages after the features, in one process with everything
+compiled."""
 SCALING_TEXT = """\
 Simulated recordings (320 x 240, `--path random-walk`, all in one room: every scan overlaps a fifth of all others and
 more), defaults. Wall seconds a stage."""
+
+
+def edge_list(sequence: Path) -> Path:
+    """The list of edges that relative errors are measured on."""
+    return Path(__file__).parents[1] / "edges" / f"{sequence.name}.txt"
 
 
 def text(value: Any) -> str:
@@ -51,7 +57,7 @@ def scores(trajectory: Path, sequence: Path, alignment: str = "SE3") -> Json:
 
     if not trajectory.is_file():
         return {}
-    edges = Path(__file__).parent / "edges" / f"{sequence.name}.txt"
+    edges = edge_list(sequence)
     protocol = Protocol(alignment=alignment, association="nearest")
     found = evaluate(*read_inputs(trajectory, sequence, edges if edges.is_file() else None, protocol)).numbers
     relative = found["rpe"]["edges" if edges.is_file() else "seconds"]

@@ -1,25 +1,19 @@
-"""miniloop and others on the same frames, one after the other, each in a process of its own; writes BENCHMARK.md.
-
-    pip install -e '.[bench]'
-    scripts/fetch_tum.sh --subset 100 freiburg1_xyz freiburg1_desk
-    python benchmarks/run.py data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100
-
-With --part only the named parts are measured again; the others keep what the results folder holds of them. Part
-"scaling" (simulated recordings of 100 to 2000 frames) is measured only when it is named.
-"""
+"""miniloop and others on the same frames, one after the other, each in a process of its own; writes BENCHMARK.md."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-HERE = Path(__file__).parent
+from benchmarks.side_by_side.sections import edge_list
+
+ROOT = Path(__file__).parents[2]
 AVERAGING = (
     ["--scans", "1000", "--edges", "5000", "--outliers", "0.05", "--peers"],
     ["--scans", "10000", "--edges", "50000", "--outliers", "0.05", "--peers"],
@@ -40,19 +34,14 @@ class Job:
 
 
 def script(name: str, sequence: Path, out: Path, *more: str) -> list[str]:
-    """The command line of a script of this folder."""
-    return [sys.executable, str(HERE / f"{name}.py"), str(sequence), str(out), *more]
+    """The command line of a program of this folder."""
+    return [sys.executable, "-m", f"benchmarks.side_by_side.{name}", str(sequence), str(out), *more]
 
 
 def bench(out: Path, *arguments: str) -> list[str]:
-    """The command line of a `miniloop bench`."""
-    command = [sys.executable, "-m", "miniloop_cli", "bench", *arguments]
+    """The command line of a measurement of miniloop itself."""
+    command = [sys.executable, "-m", "benchmarks", *arguments]
     return [*command, "-o", str(out), "-q", "--json", str(out.with_suffix(".json"))]
-
-
-def edge_list(sequence: Path) -> Path:
-    """The list of edges that relative errors are measured on."""
-    return HERE / "edges" / f"{sequence.name}.txt"
 
 
 def jobs(sequences: list[Path], results: Path) -> list[Job]:
@@ -98,7 +87,7 @@ def measure(job: Job) -> None:
     for suffix in (".json", ".txt", ".usage.json"):
         job.out.with_suffix(suffix).unlink(missing_ok=True)
     # Threads that wait for each other shall sleep, not spin: spinning would be counted as work.
-    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONPATH": str(HERE.parent)}
+    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONPATH": str(ROOT)}
     load, begin = os.getloadavg()[0], time.perf_counter()
     with job.out.with_suffix(".log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(job.command, stdout=log, stderr=log, env=environment)
@@ -121,24 +110,19 @@ def simulate(job: Job) -> None:
         subprocess.run([sys.executable, "-m", "miniloop_cli", "simulate", str(folder), *options, "-q"], check=True)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sequences", nargs="+", type=Path)
-    parser.add_argument("--results", type=Path, default=Path("results/benchmark"), help="what was measured")
-    parser.add_argument("--part", action="append", help="measure only this part again (may be repeated)")
-    parser.add_argument("--without", action="append", default=[], help="leave this part out (may be repeated)")
-    parser.add_argument("-o", "--output", type=Path, default=HERE.parent / "BENCHMARK.md")
-    options = parser.parse_args()
-    for job in jobs([path.resolve() for path in options.sequences], options.results.resolve()):
-        wanted = job.part in options.part if options.part else job.part not in (*ON_DEMAND, *options.without)
+def run(
+    sequences: Sequence[Path], results: Path, output: Path, parts: Collection[str] = (), without: Collection[str] = ()
+) -> None:
+    """Measure all parts, those named `parts` alone, or all but those `without`; then write the page `output`.
+
+    What is not measured now keeps what the folder `results` holds of it. Parts ON_DEMAND have to be named.
+    """
+    for job in jobs([path.resolve() for path in sequences], results.resolve()):
+        wanted = job.part in parts if parts else job.part not in (*ON_DEMAND, *without)
         if wanted or job.part == "warm-up":
             if job.part == "scaling":
                 simulate(job)
             measure(job)
-    from report import write  # late: what the parent has imported counts in the memory of its children
+    from benchmarks.side_by_side.report import write  # late: the parent's memory counts in that of its children
 
-    write(options.sequences, options.results, options.output)
-
-
-if __name__ == "__main__":
-    main()
+    write(sequences, results, output)

@@ -12,8 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pycolmap
-from clock import Clock, arguments, write_poses, write_result
 
+from benchmarks.side_by_side.clock import Clock, arguments, write_poses, write_result
 from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.scene.sequence import Sequence
 
@@ -52,7 +52,7 @@ def reconstruct(sequence: Sequence, folder: Path, clock: Clock) -> pycolmap.Reco
 def main() -> None:
     options = arguments(__doc__)
     clock, sequence = Clock(), open_sequence(options.sequence)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     with tempfile.TemporaryDirectory() as folder:
         model = reconstruct(sequence, Path(folder), clock)
     poses = {}

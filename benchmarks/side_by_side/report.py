@@ -10,8 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import sections
-from sections import Json
+from benchmarks.side_by_side import sections
+from benchmarks.side_by_side.sections import Json
 
 LIBRARIES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "open3d", "pycolmap", "gtsam", "faiss-cpu")
 METHODS = {
@@ -24,7 +24,7 @@ METHODS = {
     "open3d-opencv": "Open3D multiway, OpenCV's matcher",
     "pycolmap": "pycolmap SfM, colour only, true scale given",
 }
-REGENERATE = "python benchmarks/run.py data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100"
+REGENERATE = "python -m benchmarks run data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100"
 
 
 def read(path: Path) -> Json:
@@ -109,7 +109,7 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         parts += ["## Averaging at scale", sections.AVERAGING_TEXT, table(*sections.averaging(averaging))]
     scaling = {int(p.stem.split("-")[1]): p for p in results.glob("scaling-*.json") if "usage" not in p.name}
     if scaling:
-        runs = {n: read(p) | {"usage": read(p.with_suffix(".usage.json"))} for n, p in sorted(scaling.items())}
+        longer = {n: read(p) | {"usage": read(p.with_suffix(".usage.json"))} for n, p in sorted(scaling.items())}
         found = {n: sections.scores(p.with_suffix(".txt"), results / f"simulated_{n}") for n, p in scaling.items()}
-        parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(runs, found))]
+        parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(longer, found))]
     output.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")

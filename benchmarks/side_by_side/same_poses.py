@@ -15,11 +15,11 @@ from typing import Any
 import gtsam
 import networkx as nx
 import numpy as np
-from clock import arguments, write_poses, write_result
 from numpy.typing import NDArray
 
 from benchmarks.experiments.peers.averaging import gtsam_rotations, pycolmap_rotations
 from benchmarks.experiments.view_graphs import ViewGraph
+from benchmarks.side_by_side.clock import arguments, write_poses, write_result
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.config import Averaging
 from miniloop_cli.datasets import open_sequence
@@ -56,7 +56,7 @@ def gtsam_poses(edges: list[Edge], count: int, graduated: bool) -> Floats:
     loss = gtsam.noiseModel.mEstimator.Cauchy.Create(2.0)
     for e in edges:
         # The edge's error (w, v) lies in frame j, as gtsam's does; to first order only its sign differs.
-        noise = gtsam.noiseModel.Gaussian.Covariance(e.covariance)
+        noise: Any = gtsam.noiseModel.Gaussian.Covariance(e.covariance)
         if not graduated:
             noise = gtsam.noiseModel.Robust.Create(loss, noise)
         graph.add(gtsam.BetweenFactorPose3(e.i, e.j, gtsam.Pose3(se3.inverse(e.T_j_i)), noise))
