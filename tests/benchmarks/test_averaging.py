@@ -66,20 +66,7 @@ def test_impossible_graphs_are_refused(kind, edges, outliers):
 
 
 def test_command_writes_rows_and_picture(tmp_path):
-    arguments = [
-        "averaging",
-        "--scans",
-        "100",
-        "--edges",
-        "600",
-        "--outliers",
-        "10",
-        "--kind",
-        "expander",
-        "--json",
-        "-",
-        "-q",
-    ]
+    arguments = "averaging --scans 100 --edges 600 --outliers 10 --kind expander --json - -q".split()
     result = CliRunner().invoke(benchmarks, [*arguments, "-o", str(tmp_path)])
     assert result.exit_code == 0, result.output
     (row,) = json.loads(result.stdout)["rows"]

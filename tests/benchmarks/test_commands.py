@@ -29,11 +29,8 @@ def test_help_has_an_example_that_is_understood(name):
     assert program == "python -m"
     first, *words = shlex.split(words)
     assert first == name
-    known = {
-        option
-        for parameter in benchmarks.get_command(click.Context(benchmarks), name).params
-        for option in parameter.opts
-    }
+    command = benchmarks.get_command(click.Context(benchmarks), name)
+    known = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("-")} <= known
 
 

@@ -105,20 +105,7 @@ def test_commands(tmp_path):
     result = CliRunner().invoke(benchmarks, arguments)
     assert result.exit_code == 0, result.output
     assert [row["registered"] for row in json.loads(result.stdout)["rows"]] == [2]
-    arguments = [
-        "calibration",
-        "--frames",
-        "8",
-        "--noise",
-        "1",
-        "--seeds",
-        "1",
-        "-o",
-        str(tmp_path),
-        "--json",
-        "-",
-        "-q",
-    ]
+    arguments = ["calibration", *"--frames 8 --noise 1 --seeds 1 --json - -q -o".split(), str(tmp_path)]
     result = CliRunner().invoke(benchmarks, arguments)
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)["rows"]
@@ -128,6 +115,10 @@ def test_commands(tmp_path):
     for name in ("scenes", "calibration"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     still = [row for row in rows if row["poses"]]
+    for row in still:  # shares of the errors within 0, 0.25 ... 4 sigma; the ninth is within 2
+        for name in ("rotation", "translation"):
+            assert row[f"{name}_shares"] == sorted(row[f"{name}_shares"])
+            assert row[f"{name}_shares"][8] == row[f"{name}_within"]
     assert still and all(0.5 < row["within_2_sigma"] <= 1 for row in still)
 
 
