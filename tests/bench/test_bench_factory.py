@@ -27,7 +27,7 @@ x            share   count    good
 b                -      12      no
 
 x      other
-b       1.5
+b        1.5
 """
 
 
