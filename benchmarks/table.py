@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from miniloop_cli.cli import options
-from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, whole
+from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, several, whole
 from miniloop_cli.cli.bench.table import MAX_FRAMES, SEQUENCES
 
 UNITS = ("deg", "cm")
+SIGMA = click.FloatRange(min=0)
 
 
 def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
@@ -22,12 +24,18 @@ def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
         ctx.exit()
 
 
-def _share(ctx: click.Context, parameter: click.Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
-    """0.05 and 5 both mean five of a hundred edges."""
-    shares = tuple(value / 100 if value >= 1 else value for value in values)
-    if any(not 0 <= share < 1 for share in shares):
-        raise click.BadParameter("a share of the edges (0.05) or percent (5), below all of them")
-    return shares
+class Share(click.ParamType):
+    """A share of the edges, 0.05 or, in percent, 5; below all of them."""
+
+    name = "share"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The share as a number below 1."""
+        given = click.FLOAT.convert(value, param, ctx)
+        share = given / 100 if given >= 1 else given
+        if not 0 <= share < 1:
+            self.fail("a share of the edges (0.05) or percent (5), below all of them", param, ctx)
+        return share
 
 
 ABLATION = Benchmark(
@@ -75,9 +83,7 @@ ABLATION = Benchmark(
             help="Measure edge errors on these (lines 'i j'); one file a SEQ, in order"
             " [default: the default's verified].",
         ),
-        click.option(
-            "--only", "names", multiple=True, metavar="VARIANT", help="Only this variant beside the default; repeat."
-        ),
+        click.option("--only", multiple=True, metavar="VARIANT", help="Only this variant beside the default; repeat."),
         click.option(
             "--list",
             is_flag=True,
@@ -118,28 +124,12 @@ AVERAGING = Benchmark(
         converged="converged",
     ),
     options=(
-        click.option(
-            "--scans", type=click.IntRange(min=2), multiple=True, default=(100, 1000, 10_000), show_default=True
-        ),
+        several("--scans", click.IntRange(min=2), (100, 1000, 10_000), "Scans of a graph."),
         click.option("--edges", type=click.IntRange(min=1), help="Edges of each graph [default: 5 a scan]."),
-        click.option(
-            "--outliers",
-            type=float,
-            multiple=True,
-            default=(0.05,),
-            show_default=True,
-            callback=_share,
-            help="Share of edges with a random relative pose (0.05), or percent (5).",
-        ),
-        click.option(
-            "--kind", type=click.Choice(["video", "expander"]), multiple=True, default=("video",), show_default=True
-        ),
-        click.option(
-            "--noise-deg", type=click.FloatRange(min=0), default=0.5, show_default=True, help="Along each axis."
-        ),
-        click.option(
-            "--noise-m", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Along each axis."
-        ),
+        several("--outliers", Share(), (0.05,), "Share of edges with a random relative pose (0.05), or percent (5)."),
+        several("--kind", click.Choice(["video", "expander"]), ("video",), "How scans are connected."),
+        click.option("--noise-deg", type=SIGMA, default=0.5, show_default=True, help="Along each axis."),
+        click.option("--noise-m", type=SIGMA, default=0.01, show_default=True, help="Along each axis."),
         click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed."),
     ),
     parallel=False,
@@ -166,17 +156,8 @@ CALIBRATION = Benchmark(
         *numbers(">10", ".3f", error_cm_rms="error cm", promised_cm_rms="promised"),
     ),
     options=(
-        click.option(
-            "--frames",
-            type=click.IntRange(min=3),
-            multiple=True,
-            default=(16, 32),
-            show_default=True,
-            help="Repeatable.",
-        ),
-        click.option(
-            "--noise", type=float, multiple=True, default=(0.5, 1.0, 2.0), show_default=True, help="Times a Kinect's."
-        ),
+        several("--frames", click.IntRange(min=3), (16, 32), "Frames of a recording."),
+        several("--noise", SIGMA, (0.5, 1.0, 2.0), "Times a Kinect's."),
         whole("--seeds", 1, 2, "Recordings of each kind."),
         whole("--width", 160, 320, "Width of the images (px)."),
     ),
@@ -216,15 +197,7 @@ EDGES = Benchmark(
     ),
     options=(
         SEQUENCES,
-        click.option(
-            "--longest",
-            "lengths",
-            multiple=True,
-            type=click.IntRange(3, 7),
-            default=(3, 4, 5),
-            show_default=True,
-            help="Longest cycle beside pairs only; may be repeated.",
-        ),
+        several("--longest", click.IntRange(3, 7), (3, 4, 5), "Longest cycle beside pairs only."),
         MAX_FRAMES,
     ),
 )
@@ -258,14 +231,7 @@ OUTLIERS = Benchmark(
             "--simulated/--no-simulated", default=True, show_default=True, help="Also two simulated recordings."
         ),
         whole("--max-frames", 10, 50, "Scans a recording."),
-        click.option(
-            "--percent",
-            type=click.FloatRange(min=0, max=90),
-            multiple=True,
-            default=(10, 20, 30, 40, 50),
-            show_default=True,
-            help="False edges among all; may be repeated.",
-        ),
+        several("--percent", click.FloatRange(0, 90), (10, 20, 30, 40, 50), "False edges among all."),
         whole("--runs", 1, 10, "Graphs a kind and percentage."),
         click.option("--peers", is_flag=True, help="Also gtsam and pycolmap, where installed."),
     ),
@@ -320,7 +286,7 @@ SCENES = Benchmark(
         Column("  what is said", "  {verdict}", ""),
     ),
     options=(
-        click.option("--only", "names", multiple=True, metavar="SCENE", help="Only this scene; may be repeated."),
+        click.option("--only", multiple=True, metavar="SCENE", help="Only this scene; may be repeated."),
         whole("--frames", 4, 30, "Frames a scene."),
         whole("--width", 160, 640, "Width of the images (px)."),
         whole("--seeds", 1, 1, "Rooms and paths a scene."),

@@ -88,12 +88,12 @@ VARIANTS: dict[str, Variant] = {
 
 def ablation_rows(
     sequences: Sequence[Path],
-    names: Sequence[str] = (),
+    only: Sequence[str] = (),
     edge_files: Sequence[Path] = (),
     seed: int = 0,
     workers: Workers | None = None,
 ) -> Iterator[Row]:
-    """Rows of each recording and each of the `names` of VARIANTS (all without any); "default" always comes first.
+    """Rows of each recording and each of VARIANTS, or `only` of those named; "default" always comes first.
 
     Edge errors are over a list of edges that all rows of a recording share: that of `edge_files` (one a recording,
     lines "i j"), else the default's verified edges; beside them stand the errors of the edges' own estimates.
@@ -101,12 +101,12 @@ def ablation_rows(
     run, with everything compiled.
     Raises InputError for a recording without ground truth, ConfigError for an unknown name.
     """
-    if unknown := [name for name in names if name not in VARIANTS]:
+    if unknown := [name for name in only if name not in VARIANTS]:
         raise ConfigError(f"no variant '{unknown[0]}'; known are: {', '.join(VARIANTS)}")
     if edge_files and len(edge_files) != len(sequences):
         raise ConfigError(f"{len(edge_files)} edge lists for {len(sequences)} recordings: give one for each, in order")
     workers = workers or Workers()
-    chosen = {name: variant for name, variant in VARIANTS.items() if not names or name in {"default", *names}}
+    chosen = {name: variant for name, variant in VARIANTS.items() if not only or name in {"default", *only}}
     settings = {name: load_settings(variant.preset, variant.changes) for name, variant in chosen.items()}
     recordings, store = [open_with_truth(folder) for folder in sequences], FeatureStore(default_folder())
     _warm_up(sequences[0], store, workers)
@@ -202,7 +202,7 @@ def _rounded(value: float | None, factor: float = 1.0) -> float | None:
 
 
 def draw(rows: Sequence[Row]) -> Figure:
-    """Each variant's errors and CPU seconds beside the default's: three panels, a colour a recording."""
+    """Each variant's errors and CPU seconds beside the default's: four panels, a colour a recording."""
     names = list(dict.fromkeys(row["variant"] for row in rows))
     panels = {
         "ate_cm": "ATE rmse [cm]",

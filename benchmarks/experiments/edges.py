@@ -30,14 +30,14 @@ REPEATS = 3
 
 
 def edge_rows(
-    sequences: Sequence[Path], lengths: Sequence[int], max_frames: int | None, seed: int, workers: Workers
+    sequences: Sequence[Path], longest: Sequence[int], max_frames: int | None, seed: int, workers: Workers
 ) -> Iterator[Row]:
     """A row a recording and longest cycle, pairs first; the errors of all rows of a recording are over the same edges.
 
     "before": edges as they were estimated, those that every row verified; "after": the same edges between the
     averaged poses. `cpu_s`: of solving the edges, user and system time of all threads, the least of a few runs.
     """
-    lengths = sorted({2, *lengths})
+    lengths = sorted({2, *longest})
     for folder in sequences:
         settings = {n: load_settings(overrides=(f"cycles.longest={n}",)) for n in lengths}
         overlaps = read_overlaps(folder, settings[2], max_frames, workers)

@@ -65,20 +65,20 @@ SCENES: dict[str, Scene] = {
 
 
 def scene_rows(
-    names: Sequence[str] = (),
+    only: Sequence[str] = (),
     frames: int = 30,
     width: int = 640,
     seeds: int = 1,
     seed: int = 0,
     workers: Workers | None = None,
 ) -> Iterator[Row]:
-    """One row a scene (all without `names`) and each of so many `seeds`, from `seed` on.
+    """One row a scene, or `only` of those named, and each of so many `seeds`, from `seed` on.
 
     Scenes of few or many frames keep their number. Raises ConfigError for an unknown name.
     """
-    if unknown := [name for name in names if name not in SCENES]:
+    if unknown := [name for name in only if name not in SCENES]:
         raise ConfigError(f"no scene '{unknown[0]}'; known are: {', '.join(SCENES)}")
-    for name in names or SCENES:
+    for name in only or SCENES:
         for each in range(seed, seed + seeds):
             yield scene_row(name, SCENES[name], frames, width, each, workers or Workers())
 

@@ -43,6 +43,12 @@ def whole(name: str, least: int, default: int, meaning: str) -> Callable:
     return click.option(name, type=click.IntRange(min=least), default=default, show_default=True, help=meaning)
 
 
+def several(name: str, kind: click.ParamType, default: Sequence[Any], meaning: str) -> Callable:
+    """An option `name` that may be repeated."""
+    meaning = f"{meaning} May be repeated."
+    return click.option(name, type=kind, multiple=True, default=default, show_default=True, help=meaning)
+
+
 @dataclass(frozen=True)
 class Benchmark:
     """A measurement and how its command looks.
@@ -92,7 +98,9 @@ class _Text(string.Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, bool):
             return "yes" if value else "no"
-        return "-" if value is None else format(value, format_spec) if isinstance(value, float) else str(value)
+        if value is None:
+            return "-"
+        return format(value, format_spec) if isinstance(value, float) else str(value)
 
 
 def _text(template: str, row: Row) -> str:
