@@ -1,15 +1,11 @@
 """Would colour ICP on the graph's edges make the poses better? Final poses of a run against the same after ICP.
 
-    python benchmarks/color_icp.py RESULT SEQUENCE [EDGES]
-
-Each scan is registered anew to the 4 scans it shares most inliers with, by Open3D's colour ICP in two steps (4 cm,
-2 cm), begun at the final poses; the relative poses then go into a pose graph. Errors as `miniloop eval` gives them;
-EDGES is the list of pairs for the relative errors (default: the result's own).
+Each scan is registered anew to the PARTNERS scans it shares most inliers with, by Open3D's colour ICP in STEPS_M, begun
+at the final poses; the relative poses then go into a pose graph. Errors as `miniloop eval` gives them.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 
@@ -34,7 +30,7 @@ def clouds(sequence: Sequence, index: int) -> list[o3d.geometry.PointCloud]:
     z = scan.depth_m[::2, ::2].ravel()
     good = (z > 0.3) & (z < 4.0)
     px = camera.undistort(np.stack([u.ravel(), v.ravel()], axis=1)[good].astype(float))
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(camera.backproject(px, z[good])))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(camera.backproject(px, z[good].astype(float))))
     cloud.colors = o3d.utility.Vector3dVector(scan.color[::2, ::2].reshape(-1, 3)[good] / 255)
     found = []
     for size in STEPS_M:
@@ -44,11 +40,9 @@ def clouds(sequence: Sequence, index: int) -> list[o3d.geometry.PointCloud]:
     return found
 
 
-def main() -> None:
-    result, recording = Path(sys.argv[1]), Path(sys.argv[2])
-    trajectory, truth, edges, protocol, edges_are = read_inputs(
-        result, recording, Path(sys.argv[3]) if sys.argv[3:] else None, None
-    )
+def show(result: Path, recording: Path, edge_file: Path | None) -> None:
+    """Print the errors of a result before and after; relative ones over `edge_file`'s pairs, else the result's own."""
+    trajectory, truth, edges, protocol, edges_are = read_inputs(result, recording, edge_file, None)
     sequence = open_sequence(recording)
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
     frame = np.abs(stamps - trajectory.timestamps_s[:, None]).argmin(axis=1)
@@ -92,6 +86,3 @@ def main() -> None:
             f"{recording.name}: {name}: ATE {100 * numbers['ate_rmse_m']:.3f} cm, "
             f"edges {rpe['rot_deg_mean']:.3f} deg, {100 * rpe['trans_m_mean']:.3f} cm"
         )
-
-
-main()

@@ -1,14 +1,15 @@
-"""Faults that `miniloop inspect` names: `MINILOOP_TUM=... python benchmarks/inspection.py [SEEDS]`; Markdown tables
+"""Faults that `miniloop inspect` names; Markdown tables.
 
 Sound recordings, simulated and real, get one fault each in memory, then are inspected. A fault counts as found if the
 right finding is among the warnings and problems; as misnamed if only others are. Sound ones are to raise none.
 """
 
-import os
+from __future__ import annotations
+
 import sys
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -23,7 +24,6 @@ from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
 
 PATHS = ("loop", "xyz", "rotation", "random-walk")
-REAL = ("freiburg1_xyz_100", "freiburg1_desk_100")
 # All, every second, every third frame; the first, middle and last 50; the first 20.
 PARTS = (slice(None), slice(None, None, 2), slice(None, None, 3), slice(50), slice(25, 75), slice(50, None), slice(20))
 BASELINE_M, IR_FOCAL = 0.025, 585 / 525  # of a Kinect: colour and depth camera are 2.5 cm apart, and differ
@@ -49,7 +49,7 @@ def own_pixels(depth_m: np.ndarray, sequence: Sequence) -> np.ndarray:
 
 def moved(depth_m: np.ndarray, sequence: Sequence) -> np.ndarray:
     """(h, w) depth moved by 3 % of the width."""
-    M = np.float32([[1, 0, round(0.03 * sequence.camera.width)], [0, 1, 0]])
+    M = np.array([[1, 0, round(0.03 * sequence.camera.width)], [0, 1, 0]], np.float32)
     return cv2.warpAffine(depth_m, M, depth_m.shape[::-1], flags=cv2.INTER_NEAREST)
 
 
@@ -120,18 +120,15 @@ def table(groups: dict[str, list[Sequence]]) -> None:
         print(f"| {fault} | " + " | ".join(texts) + f" | {said} |")
 
 
-if __name__ == "__main__":
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
+def show(recordings: Iterable[Path], seeds: int) -> None:
+    """Print a table of so many simulated recordings a path, and one of PARTS of the `recordings`."""
     with tempfile.TemporaryDirectory() as folder:
-        groups: dict[str, list[Sequence]] = {}
+        simulated: dict[str, list[Sequence]] = {}
         for path in PATHS if seeds else ():
             settings = SimulationSettings(frames=20, width=320, height=240, path=path)
             written = [write_sequence(Path(folder) / f"{path}{seed}", settings, seed=seed) for seed in range(seeds)]
-            groups[path] = [open_sequence(each) for each in written]
-        if groups:
-            table(groups)
-        if os.environ.get("MINILOOP_TUM"):
-            whole = {name: open_sequence(Path(os.environ["MINILOOP_TUM"]) / name) for name in REAL}
-            table(
-                {name: [replace(s, frames=s.frames[p], available=(0, 0)) for p in PARTS] for name, s in whole.items()}
-            )
+            simulated[path] = [open_sequence(each) for each in written]
+        if simulated:
+            table(simulated)
+    if real := [open_sequence(recording) for recording in recordings]:
+        table({each.name: [replace(each, frames=each.frames[p], available=(0, 0)) for p in PARTS] for each in real})

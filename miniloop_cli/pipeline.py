@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.config import Settings
+from miniloop_cli.refinement.inputs import Refined
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
@@ -13,7 +14,6 @@ from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Sequence
-from miniloop_cli.scene.timing import Timing
 from miniloop_cli.stages.average import average, photometric_check
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
@@ -52,17 +52,37 @@ def register(
             if more is not edges:
                 poses, edges = average(more, scans, settings.averaging, photometric)
     if len(poses.registered) < 2:
-        unknown = np.full((len(scans), 6, 6), np.nan)
-        found = Registration(
-            sequence, settings, seed, list(scans.extracted), edges, poses, unknown, Timing(), watch.seconds, notes
+        unknown = Refined(poses, np.full((len(scans), 6, 6), np.nan))
+        raise RegistrationError(
+            _why_nothing(scans, edges, settings), _registration(scans, edges, unknown, settings, seed, watch, notes)
         )
-        raise RegistrationError(_why_nothing(scans, edges, settings), found)
     with watch.stage("refinement"):
         refined = refine(poses, edges, scans, settings.refine, settings.bundle, run)
+    return _registration(scans, edges, refined, settings, seed, watch, notes)
+
+
+def _registration(
+    scans: ScanSet,
+    edges: EdgeTable,
+    refined: Refined,
+    settings: Settings,
+    seed: int,
+    watch: Stopwatch,
+    notes: tuple[str, ...],
+) -> Registration:
     return Registration(
-        sequence, settings, seed, list(scans.extracted), edges, refined.poses, refined.covariance, refined.timing,
-        watch.seconds, notes,
-    )  # fmt: skip
+        scans.sequence,
+        settings,
+        seed,
+        list(scans.extracted),
+        edges,
+        refined.poses,
+        refined.covariance,
+        refined.timing,
+        watch.seconds,
+        watch.cpu_seconds,
+        notes,
+    )
 
 
 def _why_nothing(scans: ScanSet, edges: EdgeTable, settings: Settings) -> str:

@@ -8,19 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.config import Settings
-from miniloop_cli.datasets import open_sequence, read_ground_truth
-from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
-from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.ransac.matches import edge_matches
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.points import Matches, ScanPoints, scan_points
+from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.stages.candidates import comparer, listed_pairs
 from miniloop_cli.stages.extract import extract
-from miniloop_cli.stages.match import comparer, listed_pairs
+from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but a mistake
@@ -30,13 +29,20 @@ RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but
 class Overlaps:
     """Scans, their points, matches of their pairs; true poses T_world_cam (n, 4, 4) and where they are `known` (n,)."""
 
-    name: str
-    camera: Camera
-    scans: Sequence[ExtractedScan]
-    points: Sequence[ScanPoints]
+    scans: ScanSet
     matches: Matches
     T_world_cam: Floats
     known: Bools
+
+    @property
+    def name(self) -> str:
+        """The recording's."""
+        return self.scans.sequence.name
+
+    @property
+    def points(self) -> Sequence[ScanPoints]:
+        """Features with depth of each scan, in space."""
+        return self.scans.points
 
     def errors(self, pairs: Sequence[Pair], T_j_i: Floats) -> tuple[Floats, Floats]:
         """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
@@ -58,14 +64,9 @@ def right(deg: Floats, metres: Floats) -> Bools:
 
 def read_overlaps(folder: Path, settings: Settings, max_frames: int | None, workers: Workers) -> Overlaps:
     """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
-    sequence, matching = open_sequence(folder, max_frames=max_frames), settings.matching
-    truth = read_ground_truth(sequence)
-    if truth is None:
-        raise InputError(f"{folder} comes without ground truth: there is nothing to tell right edges by")
-    scans = list(extract(sequence, settings, Store(default_folder()), workers))
-    features = [scan.features for scan in scans]
-    points = [scan_points(found, sequence.camera) for found in features]
-    pairs = listed_pairs(len(scans), "auto", matching)
-    matches = comparer(features, points, settings, workers)(pairs)
+    sequence, truth = open_with_truth(folder, max_frames)
+    scans = extract(sequence, settings.features, settings.depth, Run(Store(default_folder()), workers))
+    pairs = listed_pairs(len(scans), "auto", settings.matching)
+    matches = comparer(scans, settings.matching, workers)(pairs)
     T_world_cam, known = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
-    return Overlaps(sequence.name, sequence.camera, scans, points, matches, T_world_cam, known)
+    return Overlaps(scans, matches, T_world_cam, known)

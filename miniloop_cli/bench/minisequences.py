@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.noise import METHODS, PAPER, chained, edges_of
 from miniloop_cli.bench.overlaps import Overlaps, overlaps
-from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
+from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.matches import edge_matches
-from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.points import Matches
 from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.typing import Bools, Floats
 
-Row = dict[str, Any]
 Loop = tuple[int, ...]
+Errors = dict[tuple[str, str], tuple[float, float]]  # by method and variant
 
 SCANS = 5
 # All pairs that one of the methods uses: the chain 1-2-3-4-5 and what closes its cycles.
@@ -56,8 +56,8 @@ def draw_loops(matches: Matches, known: Bools, count: int, rng: np.random.Genera
     for _ in range(TRIES * count if starts else 0):
         loop = [int(rng.choice(starts))]
         while len(loop) < SCANS:
-            free = set.intersection(*(later.get(loop[k], set()) for k in before[len(loop)]))
-            free = sorted(scan for scan in free if scan > loop[-1])
+            seen_by_all = set.intersection(*(later.get(loop[k], set()) for k in before[len(loop)]))
+            free = sorted(scan for scan in seen_by_all if scan > loop[-1])
             if not free:
                 break
             loop.append(int(rng.choice(free)))
@@ -71,27 +71,31 @@ def draw_loops(matches: Matches, known: Bools, count: int, rng: np.random.Genera
 
 
 def minisequence_rows(
-    folder: Path,
-    settings: Settings,
-    label: str,
-    loops: int = 200,
-    least: int | None = None,
-    seed: int = 0,
-    workers: Workers | None = None,
-) -> list[Row]:
-    """One row a variant and method: mean errors of the motion from scan 1 to scan 5, and how often better or equal.
+    sequences: Iterable[Path],
+    configs: Iterable[str],
+    loops: int,
+    min_matches: int | None,
+    seed: int,
+    workers: Workers,
+) -> Iterator[Row]:
+    """Rows a recording, config, variant and method: mean errors of the motion from scan 1 to scan 5.
 
-    `settings` say what is detected and matched, `label` names them; `least` matches make an edge (without it, as many
-    as leave the paper's share of the pairs). Each loop has a generator of its own, so that rows do not depend on the
-    number of jobs.
+    `configs` say what is detected and matched; `min_matches` make an edge (without it, as many as leave the paper's
+    share of the pairs). Beside the errors, how often they are less than pairwise, or equal to it. Each loop has a
+    generator of its own, so that rows do not depend on the number of jobs.
     """
-    workers = workers or Workers()
-    graph = overlaps(folder, settings, workers)
+    named = {config: load_settings(config) for config in configs}
+    for folder in sequences:
+        for config, settings in named.items():
+            yield from _rows(overlaps(folder, settings, workers), config, loops, min_matches, seed, workers)
+
+
+def _rows(graph: Overlaps, config: str, loops: int, least: int | None, seed: int, workers: Workers) -> list[Row]:
     least = least or graph.least_as_in_paper
     edges = graph.with_matches(least)
     chosen = draw_loops(edges, graph.true_poses[1], loops, np.random.default_rng(seed))
 
-    def errors(loop: Loop) -> dict[tuple[str, str], tuple[float, float]]:
+    def errors(loop: Loop) -> Errors:
         return _errors(loop, graph, edges, seed)
 
     found = list(workers.map(errors, chosen, "Loops of five", len(chosen)))
@@ -100,18 +104,18 @@ def minisequence_rows(
         for method in METHODS:
             both = [r for r in found if (method, variant) in r and ("pairwise", variant) in r]
             mine, pairs = (np.array([r[name, variant] for r in both]).reshape(-1, 2) for name in (method, "pairwise"))
-            head = {"sequence": graph.sequence.name, "config": label, "variant": variant, "method": method}
+            head: Row = {"sequence": graph.sequence.name, "config": config, "variant": variant, "method": method}
             head |= {"min_matches": least, "loops": len(found), "failed": len(found) - len(both)}
             row = head | _summary(mine, None if method == "pairwise" else pairs)
             rows.append(row | {f"paper_{c}": v for c, v in zip(COLUMNS, PAPER_NUMBERS[method], strict=True)})
     return rows
 
 
-def _errors(loop: Loop, graph: Overlaps, edges: Matches, seed: int) -> dict[tuple[str, str], tuple[float, float]]:
+def _errors(loop: Loop, graph: Overlaps, edges: Matches, seed: int) -> Errors:
     """Degrees and centimetres of the motion from the first to the last scan, for every method and variant."""
     inputs = {(a, b): edge_matches(graph.points, (loop[a], loop[b]), edges[loop[a], loop[b]]) for a, b in NEEDED}
     truth = graph.true_motion(loop[0], loop[-1])
-    results = {}
+    results: Errors = {}
     for k, (method, segments) in enumerate(METHODS.items()):
         for variant, settings in VARIANTS.items():
             found = chained(segments, inputs, settings, np.random.default_rng([seed, k, *loop]))
@@ -137,10 +141,8 @@ def _summary(mine: Floats, pairs: Floats | None) -> Row:
     return {key: None if value is None else round(value, 6) for key, value in row.items()}
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Mean errors of every method beside the paper's; a group of bars a method."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(10, 4.4), layout="constrained")
     series = list(dict.fromkeys((row["sequence"], row["config"], row["variant"]) for row in rows))
     width = 0.8 / (len(series) + 1)
@@ -156,5 +158,4 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes.set(ylabel=label, yscale="log")
         axes.grid(axis="y", which="both", alpha=0.3)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="x-small")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

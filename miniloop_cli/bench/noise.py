@@ -8,20 +8,23 @@ The paper does not give its noise levels and shares of wrong matches: ours are N
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.problems import random_rotations
 from miniloop_cli.config import Ransac
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.matches import EdgeMatches
-from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
 
 Edges = dict[tuple[int, int], EdgeMatches]
@@ -114,20 +117,16 @@ def run_trial(seed: Sequence[int], noise: float, outliers: float) -> dict[tuple[
     return results
 
 
-def noise_rows(trials: int, seed: int, jobs: int = -1, quiet: bool = True) -> list[dict[str, Any]]:
+def noise_rows(trials: int, seed: int, workers: Workers) -> list[Row]:
     """One row for each sweep, level, method and variant: means and medians over `trials` scenes.
 
     Every trial has a generator of its own, so that rows do not depend on the number of jobs.
     """
-    from joblib import Parallel, delayed
-
-    from miniloop_cli.runtime.progress import track
-
     settings = [("noise", level, OUTLIERS_FIXED) for level in NOISE]
     settings += [("outliers", NOISE_FIXED, level) for level in OUTLIERS]
-    rows: list[dict[str, Any]] = []
-    with Parallel(n_jobs=jobs) as parallel:
-        for place, (sweep, noise, outliers) in enumerate(track(settings, "Levels", quiet=quiet)):
+    rows: list[Row] = []
+    with Parallel(n_jobs=workers.jobs) as parallel:
+        for place, (sweep, noise, outliers) in enumerate(track(settings, "Levels", quiet=workers.quiet)):
             trial = delayed(partial(run_trial, noise=noise, outliers=outliers))
             results = list(parallel(trial([seed, place, i]) for i in range(trials)))
             for method in METHODS:
@@ -151,7 +150,7 @@ def noise_rows(trials: int, seed: int, jobs: int = -1, quiet: bool = True) -> li
 def _summary(found: Floats) -> dict[str, float | None]:
     """Means and medians of (m, 3) errors; null if there are none."""
     names = ("rot_deg", "trans", "inliers_percent")
-    kinds = {"mean": np.mean, "median": np.median}
+    kinds: dict[str, Callable[[Floats], Any]] = {"mean": np.mean, "median": np.median}
     return {
         # Below the ninth digit is rounding, which differs with where an array happens to lie in memory.
         f"{name}_{kind}": round(float(of(found[:, i])), 9) if len(found) else None
@@ -160,10 +159,8 @@ def _summary(found: Floats) -> dict[str, float | None]:
     }
 
 
-def draw_noise(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def draw_noise(rows: Sequence[Row]) -> Figure:
     """The paper's figure: medians of rotation error, translation error and inliers; one row of panels a sweep."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11, 6.4), layout="constrained")
     panels = figure.subplots(2, 3)
     labels = {"rot_deg_median": "rotation error [deg]", "trans_median": "translation error [units]"}
@@ -183,5 +180,4 @@ def draw_noise(rows: Sequence[dict[str, Any]], path: Path) -> None:
             axes.grid(alpha=0.3)
             axes.set_ylim(bottom=0)
     panels[0, 2].legend(fontsize=7)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -11,16 +11,16 @@ import numpy as np
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.errors import InputError
-from miniloop_cli.features.detect import comparable
 from miniloop_cli.geometry import se3
-from miniloop_cli.runtime.artifact_store import Store, default_folder, fingerprint
+from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.points import Matches, ScanPoints, scan_points
+from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.sequence import Sequence, Trajectory
 from miniloop_cli.stages.extract import extract
-from miniloop_cli.stages.match import listed_pairs, match_fully
-from miniloop_cli.stages.serialization import matches_by_chunk
+from miniloop_cli.stages.match import match
+from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Bools, Floats
 
 # Edges of the paper's graphs of 100 scans each; its T is not given, so that ours is told by the number of edges.
@@ -90,15 +90,8 @@ def open_with_truth(folder: Path, max_frames: int | None = None) -> tuple[Sequen
 def overlaps(folder: Path, settings: Settings, workers: Workers) -> Overlaps:
     """Matches of all pairs, by the detector, the number of features and the ratio test of the settings."""
     sequence, truth = open_with_truth(folder)
-    store = Store(default_folder())
-    scans = list(extract(sequence, settings, store, workers))
-    features = [scan.features for scan in scans]
-    strongest = [
-        comparable(scan.descriptors[: min(scan.with_depth, settings.matching.count)], settings.features.type)
-        for scan in features
-    ]
-    full = settings.matching.model_copy(update={"min_matches": 3})
-    key = fingerprint([scan.key for scan in scans], full.model_dump(), "in full")
-    pairs = listed_pairs(len(features), "exhaustive", full)
-    matches = matches_by_chunk(pairs, key, store, lambda some: match_fully(strongest, some, full, workers))
-    return Overlaps(sequence, truth, [scan_points(scan, sequence.camera) for scan in features], matches)
+    run = Run(Store(default_folder()), workers)
+    scans = extract(sequence, settings.features, settings.depth, run)
+    full = settings.matching.model_copy(update={"min_matches": 3, "pairs": "exhaustive"})
+    matches = match(scans, full, settings.pose_prior, Priors(), run)
+    return Overlaps(sequence, truth, scans.points, matches)

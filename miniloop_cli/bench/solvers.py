@@ -8,17 +8,19 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.problems import noisy_cycle, random_problems
 from miniloop_cli.config import Ransac
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
-from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.solvers.batch import edges_of, match_residuals
 from miniloop_cli.typing import Floats
 
@@ -69,7 +71,7 @@ def _seconds(call: Callable[[int], object], count: int) -> float:
     return total
 
 
-def solver_row(name: str, problems: int, rng: np.random.Generator) -> dict[str, Any]:
+def solver_row(name: str, problems: int, rng: np.random.Generator) -> Row:
     """Measure one solver of SOLVERS on `problems` exact random cycles in a unit cube."""
     entry = SOLVERS[name]
     module = importlib.import_module(f"miniloop_cli.solvers.{'long_cycles.' * (name in LONG)}{name}")
@@ -132,15 +134,23 @@ def _ransac_ms(edges: int, upright: bool) -> float:
     return 1e3 * float(np.median(spent[1:]))  # the first one compiles
 
 
-def solver_rows(problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS)) -> list[dict[str, Any]]:
-    """One row a solver; each draws its problems from a generator of its own: rows do not depend on each other."""
-    return [solver_row(name, problems, np.random.default_rng([seed, list(SOLVERS).index(name)])) for name in names]
+def solver_rows(
+    problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS), workers: Workers | None = None
+) -> list[Row]:
+    """One row a solver; each draws its problems from a generator of its own: rows do not depend on each other.
+
+    `workers` say whether progress is shown: seconds are measured on one thread.
+    """
+    quiet = workers is None or workers.quiet
+    return [
+        solver_row(name, problems, np.random.default_rng([seed, list(SOLVERS).index(name)]))
+        for name in track(names, "Solvers", quiet=quiet)
+    ]
 
 
-def draw_histograms(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def draw_histograms(rows: Sequence[Row]) -> Figure:
     """The paper's figure, how often a solver has how many real solutions: one bar a solver, divided by their number."""
     from matplotlib import colormaps
-    from matplotlib.figure import Figure
 
     numbers = sorted({int(number) for row in rows for number in row["solutions_histogram"]})
     colours = dict(zip(numbers, colormaps["viridis_r"](np.linspace(0.05, 0.95, len(numbers))), strict=True))
@@ -159,5 +169,4 @@ def draw_histograms(rows: Sequence[dict[str, Any]], path: Path) -> None:
     axes.invert_yaxis()
     axes.set(xlim=(0, 100), xlabel="problems [%]", title="Number of real solutions of exact random problems")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="solutions")
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.overlaps import Overlaps, overlaps, paper_sequence
 from miniloop_cli.evaluation.errors import relative_errors
 from miniloop_cli.graph.cycles import decompose
@@ -16,14 +17,11 @@ from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
-from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches
 from miniloop_cli.scene.registration import Registration, RegistrationError
-from miniloop_cli.typing import Floats
-
-Row = dict[str, Any]
+from miniloop_cli.typing import Bools, Floats
 
 # The paper's, per sequence: pairs, 3-, 4-, 5-cycles of its graph; mean rotation (deg) and translation error (cm).
 PAPER_CYCLES = {"freiburg1_room": (58, 1, 1, 74), "freiburg1_xyz": (57, 0, 1, 338), "freiburg2_desk": (53, 2, 2, 124)}
@@ -49,7 +47,7 @@ def cycle_rows(graph: Overlaps, config: str, longest: int = 5) -> list[Row]:
         like = least == graph.least_as_in_paper
         for method in ("dfs", "support"):
             sizes = Counter(map(len, decompose(overlap_graph(count, edges), longest, method)))
-            row = {"table": "cycles", "sequence": graph.sequence.name, "config": config, "min_matches": least}
+            row: Row = {"table": "cycles", "sequence": graph.sequence.name, "config": config, "min_matches": least}
             row |= {"as_in_paper": like, "decomposition": method, "edges": len(edges)}
             row |= {name: sizes[n] for n, name in enumerate(CYCLE_COLUMNS, 2)}
             paper = PAPER_CYCLES[known] if like and known else (None,) * len(CYCLE_COLUMNS)
@@ -71,11 +69,12 @@ def error_rows(folder: Path, graph: Overlaps, config: str, seed: int, workers: W
         if preset == "paper":  # which compares SURF by a T of its own
             own = overlaps(folder, settings, workers).least_as_in_paper
             settings = load_settings(preset, (*changes, f"matching.min_matches={own}"))
+        run: Registration | None
         try:
             run = register(graph.sequence, settings, Store(default_folder()), workers, seed)
         except RegistrationError as error:
             run = error.run
-        row = {"table": "errors", "sequence": graph.sequence.name, "config": config, "run": name}
+        row: Row = {"table": "errors", "sequence": graph.sequence.name, "config": config, "run": name}
         row |= {"min_matches": graph.least_as_in_paper, "edges": len(edges)}
         row |= _errors(run, graph, edges)
         paper = PAPER_ERRORS[known] if known else (None, None)
@@ -86,18 +85,19 @@ def error_rows(folder: Path, graph: Overlaps, config: str, seed: int, workers: W
 def _errors(run: Registration | None, graph: Overlaps, edges: Matches) -> Row:
     T_true, reached = graph.true_poses
     posed = np.zeros(len(reached), bool)
+    final, own, errors = np.empty((0, 2), np.int64), list[Edge](), _means(None, None)
     if run:
         posed[run.poses.registered] = True
-    both = posed & reached
-    row: Row = {"registered": int(posed.sum()), "frames": len(posed)}
-    final = np.array([pair for pair in edges if both[list(pair)].all()], np.int64).reshape(-1, 2)
-    row |= {"edges_scored": len(final)}
-    row |= _means(*relative_errors(run.poses.T_world_cam, T_true, final)) if len(final) else _means(None, None)
-    own = [edge for edge in run.edges if (edge.i, edge.j) in edges and edge.inlier_count] if run else []
+        both = posed & reached
+        final = np.array([pair for pair in edges if both[list(pair)].all()], np.int64).reshape(-1, 2)
+        if len(final):
+            errors = _means(*relative_errors(run.poses.T_world_cam, T_true, final))
+        own = [edge for edge in run.edges.edges() if edge.pair in edges and edge.inlier_count]
+    row: Row = {"registered": int(posed.sum()), "frames": len(posed), "edges_scored": len(final)} | errors
     return row | {f"estimate_{key}": value for key, value in _means(*_estimates(own, T_true, reached)).items()}
 
 
-def _estimates(own: Sequence[Edge], T_true: Floats, reached: np.ndarray) -> tuple[Floats | None, Floats | None]:
+def _estimates(own: Sequence[Edge], T_true: Floats, reached: Bools) -> tuple[Floats | None, Floats | None]:
     """Degrees and metres by which the edges' own estimates are off."""
     own = [edge for edge in own if reached[edge.i] and reached[edge.j]]
     if not own:
@@ -116,17 +116,17 @@ def _means(deg: Floats | None, metres: Floats | None) -> Row:
     return {name: round(float(value), 4) for name, value in zip(names, values, strict=True)}
 
 
-def table_rows(folder: Path, config: str = "paper", seed: int = 0, workers: Workers | None = None) -> list[Row]:
-    """Both tables of a recording; `config` says what is detected and matched for the graph whose edges are counted."""
-    workers = workers or Workers()
-    graph = overlaps(folder, load_settings(config), workers)
-    return cycle_rows(graph, config) + error_rows(folder, graph, config, seed, workers)
+def table_rows(sequences: Iterable[Path], config: str, seed: int, workers: Workers) -> Iterator[Row]:
+    """Both tables of each recording; `config` says what is detected and matched for the graph of the first."""
+    settings = load_settings(config)
+    for folder in sequences:
+        graph = overlaps(folder, settings, workers)
+        yield from cycle_rows(graph, config)
+        yield from error_rows(folder, graph, config, seed, workers)
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+def draw(rows: Sequence[Row]) -> Figure:
     """Edges covered by each length against T, and the final errors beside the paper's."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     counted = [row for row in rows if row["table"] == "cycles" and row["decomposition"] == "dfs"]
@@ -147,5 +147,4 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                 axes.plot([row[f"paper_{key}"]] * 2, [k - 0.4, k + 0.4], color="C3")
         axes.set(xlabel=f"mean error [{label}]; red: paper", ylim=(len(final) - 0.5, -0.5))
         axes.set_yticks(range(len(final)), names if axes is middle else [""] * len(final), fontsize=7)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import networkx as nx
 import numpy as np
+from matplotlib.figure import Figure
 
+from miniloop_cli.bench import Row
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
 from miniloop_cli.config import Ransac
 from miniloop_cli.geometry import se3
@@ -26,12 +27,10 @@ from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import directed, in_order, sides, weakest_last
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.search import SOLVERS
-from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.points import Matches
 from miniloop_cli.typing import Ints, Pair
 
-Row = dict[str, Any]
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
 MIN_MATCHES, MAX_MATCHES = BINS[0][0], BINS[-1][1]
 DRAWN = 10  # edges that a point of the picture stands for, at least
@@ -64,7 +63,7 @@ def draw_loops(overlaps: Overlaps, kind: str, partners: str, most: int, rng: np.
         if known[i] and known[j] and overlaps.true_matches((i, j), rows) >= LEAST_TRUE
     }
     others = strong if partners == "strong" else weak
-    graph, loops = overlap_graph(len(overlaps.points), others), []
+    graph, loops = overlap_graph(len(overlaps.points), others), list[Loop]()
     targets = list(weak)
     for k in rng.permutation(len(targets)):
         if len(loops) == most:
@@ -125,19 +124,20 @@ def solve_loop(
 
 
 def weak_loop_rows(
-    folders: Sequence[Path], most: int, hypotheses: int, max_frames: int | None, seed: int, workers: Workers
+    sequences: Sequence[Path], edges: int, hypotheses: int, max_frames: int | None, seed: int, workers: Workers
 ) -> Iterator[Row]:
     """A row a recording, kind of weak edge, kind of partners, number of matches (bins, then all) and solver.
 
+    At most `edges` weak edges are drawn for each kind of edge and of partners.
     Everything but the seconds depends on the seed alone.
     """
-    for folder in folders:
+    for folder in sequences:
         overlaps = read_overlaps(
             folder, load_settings(overrides=(f"matching.min_matches={MIN_MATCHES}",)), max_frames, workers
         )
         for k, kind in enumerate(KINDS):
             for p, partners in enumerate(PARTNERS):
-                loops = draw_loops(overlaps, kind, partners, most, np.random.default_rng([seed, k, p]))
+                loops = draw_loops(overlaps, kind, partners, edges, np.random.default_rng([seed, k, p]))
                 solved = list(
                     workers.map(
                         partial(solve_loop, overlaps=overlaps, hypotheses=hypotheses, seed=seed),
@@ -170,10 +170,8 @@ def _finite(value: float) -> float | None:
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def draw_weak_loops(rows: Sequence[Row], path: Path) -> None:
+def draw_weak_loops(rows: Sequence[Row]) -> Figure:
     """Share of right edges by number of matches: a row of panels a recording, a line a solver."""
-    from matplotlib.figure import Figure
-
     sequences = list(dict.fromkeys(row["sequence"] for row in rows))
     cases = [(kind, partners) for kind in KINDS for partners in PARTNERS]
     figure = Figure(figsize=(13, 3.2 * max(len(sequences), 1) + 0.3), layout="constrained")
@@ -194,5 +192,4 @@ def draw_weak_loops(rows: Sequence[Row], path: Path) -> None:
         line[0].set_ylabel("right edges [%]")
     panels[0, -1].legend(fontsize=8)
     figure.supxlabel("matches of the edge (edges)", fontsize=9)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=120)
+    return figure

@@ -40,18 +40,18 @@ COMMANDS = {
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are named by "module:attribute" and imported on use; suggests near names."""
+    """A group whose commands may be named by "module:attribute" and imported on use; suggests near names."""
 
-    def __init__(self, *args: object, lazy: dict[str, str], **kwargs: object) -> None:
+    def __init__(self, *args: object, lazy: dict[str, str] | None = None, **kwargs: object) -> None:
         super().__init__(*args, **kwargs)  # type: ignore[arg-type]
-        self.lazy = lazy
+        self.lazy = lazy or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.lazy)
+        return [*self.commands, *self.lazy]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.lazy:
-            return None
+            return super().get_command(ctx, cmd_name)
         module, attribute = self.lazy[cmd_name].split(":")
         return getattr(importlib.import_module(module), attribute)
 
@@ -61,7 +61,7 @@ class LazyGroup(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            near = difflib.get_close_matches(args[0], self.lazy, n=1)
+            near = difflib.get_close_matches(args[0], self.list_commands(ctx), n=1)
             hint = f" Did you mean '{near[0]}'?" if near else ""
             raise click.UsageError(f"{error.message}{hint}", ctx) from None
 
@@ -80,7 +80,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
     ctx.obj = {"debug": debug}
 
 
-def main(args: list[str] | None = None) -> None:
+def main(args: list[str] | None = None, command: click.Command = cli, program: str = PROGRAM) -> None:
     """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
     args = sys.argv[1:] if args is None else args
     gc.set_threshold(YOUNG_OBJECTS)
@@ -88,7 +88,7 @@ def main(args: list[str] | None = None) -> None:
     install_handlers()
     try:
         # --debug is taken wherever it stands: people add it to the end of the command that failed.
-        cli.main(args=[arg for arg in args if arg != "--debug"], prog_name=PROGRAM, standalone_mode=False)
+        command.main(args=[arg for arg in args if arg != "--debug"], prog_name=program, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
         error.show()

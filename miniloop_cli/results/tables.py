@@ -87,7 +87,7 @@ def write_edges(run: Registration, stamps: Floats, path: Path) -> None:
     angle_deg, distance_m = residuals(edges, run.poses.T_world_cam)
     variance = np.diagonal(edges.covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
     sigma = np.sqrt(np.maximum(variance, 0).sum(axis=2))
-    solved = edges.information.any(axis=(1, 2))
+    solved = np.any(edges.information, axis=(1, 2))
     judged = solved & (component[edges.i] >= 0) & (component[edges.i] == component[edges.j])
     columns: list[Iterable[Any]] = [
         edges.i,

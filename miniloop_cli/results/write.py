@@ -151,7 +151,7 @@ def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats,
             scan = read_scan(run.sequence, index)
         except InputError:
             return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-        z = scan.depth_m[::stride, ::stride].ravel()
+        z = scan.depth_m[::stride, ::stride].ravel().astype(float)
         good = (z >= depth.min_m) & (z <= depth.max_m)
         p_cam = camera.backproject(ideal(*scan.depth_m.shape)[good], z[good])
         return se3.transform(run.poses.T_world_cam[index], p_cam), scan.color[::stride, ::stride].reshape(-1, 3)[good]

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,7 @@ def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()
 
 
@@ -122,10 +122,11 @@ class Store:
         """The arrays of the artefact of these inputs; where there is none, made now and kept."""
         key = self.key(artifact, inputs)
         found = self.load(artifact, key)
-        if found is None:
-            found = make()
-            self.save(artifact, key, found)
-        return found
+        if found is not None:
+            return found
+        made = make()
+        self.save(artifact, key, made)
+        return made
 
     def load(self, artifact: Artifact, key: str) -> dict[str, NDArray[Any]] | None:
         """The arrays of an artefact, or None if it must be made."""
@@ -150,7 +151,7 @@ class Store:
         """Keep an artefact; a store that cannot be written costs the next run time, never this run its result."""
         try:
             packed = io.BytesIO()
-            np.savez(packed, **arrays)
+            np.savez(packed, **cast("dict[str, Any]", arrays))
             with atomic_write(self.path(artifact, key), "wb") as file:
                 file.write(packed.getbuffer())
                 file.write(checksum(packed.getbuffer()))

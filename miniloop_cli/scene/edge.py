@@ -96,7 +96,10 @@ class EdgeTable:
             column("information", float, 6, 6),
             column("covariance", float, 6, 6),
             column("solver", np.str_) if edges else np.zeros(0, "<U8"),
-            *(column(name, np.int64) for name in ("cycle", "hypotheses", "verdict", "rejection")),
+            column("cycle", np.int64),
+            column("hypotheses", np.int64),
+            column("verdict", np.int64),
+            column("rejection", np.int64),
             column("detail", float, 2),
             column("loops", np.int64),
             column("confirmed", bool),
@@ -108,7 +111,7 @@ class EdgeTable:
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> EdgeTable:
         """The table that `arrays` gave."""
-        return EdgeTable(*(arrays[column.name] for column in fields(EdgeTable)))
+        return EdgeTable(**{column.name: arrays[column.name] for column in fields(EdgeTable)})
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All columns by name."""

@@ -29,6 +29,7 @@ class RegistrationError(MiniloopError):
 class Registration:
     """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
 
+    `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
     `notes`: what became of gravity and of a pose prior.
     """
 
@@ -41,4 +42,5 @@ class Registration:
     covariance: Floats
     timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
+    cpu_timings_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -35,11 +35,11 @@ def pairs_by_pose_prior(
     Frames without a pose (NaN) are compared with all.
     """
     count = len(T_world_cam)
-    known = np.isfinite(T_world_cam).all(axis=(1, 2))
+    known = np.all(np.isfinite(T_world_cam), axis=(1, 2))
     near = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= NEIGHBOURS
     near |= ~known[:, None] | ~known
     scans = np.flatnonzero(known)
-    depths = np.concatenate([np.zeros(0), *(points[k].points_m[:, 2] for k in scans)])
+    depths = np.concatenate([np.zeros(0), *(points[int(k)].points_m[:, 2] for k in scans)])
     if len(depths):
         slack = np.radians(settings.max_deg) + np.arctan(settings.max_m / np.median(depths))
         share = in_view(T_world_cam, scans, points, _widened(camera, slack))

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.linalg import lsqr
 
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging.approximate_cholesky import apply, eliminate
 from miniloop_cli.averaging.laplacian import DENSE_SCANS, Differences
-from miniloop_cli.bench.view_graphs import view_graph
 
 
 def graph_pairs(kind, scans, edges, seed=0):

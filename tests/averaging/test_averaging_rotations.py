@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from benchmarks.experiments.averaging import errors
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging.rotations import average_rotations
-from miniloop_cli.bench.averaging import errors
-from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, rotation_angle_deg
 from miniloop_cli.scene.view_graph import GraphError, components
@@ -207,7 +207,7 @@ def test_components_are_numbered_by_size():
 
 def test_no_worse_than_shonan_averaging():
     pytest.importorskip("gtsam")
-    from miniloop_cli.bench.peers.averaging import gtsam_rotations
+    from benchmarks.experiments.peers.averaging import gtsam_rotations
 
     graph, R_j_i, _ = make("expander", 60, 300, noise_deg=1.0)
     mine = average_rotations(60, graph.pairs, R_j_i).R_world_cam
@@ -218,7 +218,7 @@ def test_no_worse_than_shonan_averaging():
 
 def test_agrees_with_pycolmap_on_an_easy_graph():
     pytest.importorskip("pycolmap")
-    from miniloop_cli.bench.peers.averaging import pycolmap_rotations
+    from benchmarks.experiments.peers.averaging import pycolmap_rotations
 
     graph, R_j_i, _ = make("expander", 60, 300, outliers=0.05, noise_deg=0.5)
     mine = average_rotations(60, graph.pairs, R_j_i).R_world_cam

@@ -4,9 +4,9 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging import voting
 from miniloop_cli.averaging.initialization import tree_start, voted_start
-from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.geometry.pose_rows import compose, invert, load
 from miniloop_cli.geometry.se3 import inverse, pose
 from miniloop_cli.scene.view_graph import adjacency

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging.translations import average_translations
-from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.geometry.se3 import exp_so3
 from miniloop_cli.scene.view_graph import GraphError
 

@@ -12,13 +12,16 @@ import pytest
 from command_line import FRAMES, ROOT
 
 import miniloop_cli.datasets
+from benchmarks.__main__ import benchmarks
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.cli.main import cli
 from miniloop_cli.cli.register import FEATURES
 from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.presets import keys
 
+ROOTS = {"miniloop": cli, "python -m benchmarks": benchmarks}
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES_BESIDE = [ROOT / "BENCHMARK.md", ROOT / "CHANGELOG.md"]
 
 
 def anchors(text):
@@ -46,14 +49,13 @@ def test_every_page_is_in_the_index():
         assert page.name in index or page.name == "index.md", page.name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *PAGES_BESIDE], ids=lambda page: page.name)
 def test_commands_and_their_options_exist(page):
-    for line in re.findall(r"miniloop [a-z][^`\n|>]*", page.read_text(encoding="utf-8")):
-        words = line.split("#")[0].split("&&")[0].split()[1:]
-        node = cli
-        if words[0] not in cli.lazy:
+    for program, line in re.findall(rf"({'|'.join(ROOTS)}) ([a-z][^`\n|>]*)", page.read_text(encoding="utf-8")):
+        words, node = line.split("#")[0].split("&&")[0].split(), ROOTS[program]
+        if program == "miniloop" and words[0] not in cli.lazy:
             continue  # prose: "miniloop takes ..."
-        while isinstance(node, click.Group) and words and re.fullmatch("[a-z]+", words[0]):
+        while isinstance(node, click.Group) and words and re.fullmatch("[a-z-]+", words[0]):
             node, words = node.get_command(click.Context(node), words[0]), words[1:]
             assert node is not None, line
         known = {option for parameter in node.params for option in parameter.opts} | {"--help", "--debug"}

@@ -41,14 +41,14 @@ def test_interrupted_while_threads_are_at_work(recording, tmp_path):
 
 @pytest.mark.parametrize("error", MADE_OF_IT)
 def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, monkeypatch, error):
-    def interrupted_inside(*_):
+    def interrupted_inside(**_):
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:
             raise error from interrupt
 
-    monkeypatch.setattr("miniloop_cli.bench.averaging.averaging_rows", interrupted_inside)
-    done = launch("bench", "averaging", "--scans", 10, "-q", "-o", tmp_path / "out")
+    monkeypatch.setattr("miniloop_cli.bench.solvers.solver_rows", interrupted_inside)
+    done = launch("bench", "solvers", "--problems", 10, "-q", "-o", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
 
@@ -113,11 +113,11 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     back did so twice, and a kernel half loaded crashed (status -6 and -11, once each in 484 kills).
     """
     script = (
-        "import ctypes, os, signal, time; import miniloop_cli.bench.averaging as averaging\n"
-        f"def rows(*_):{body}"
-        "averaging.averaging_rows = rows\n"
+        "import ctypes, os, signal, time; import miniloop_cli.bench.solvers as solvers\n"
+        f"def rows(**_):{body}"
+        "solvers.solver_rows = rows\n"
         "from miniloop_cli.cli.main import main\n"
-        "main(['bench', 'averaging', '--scans', '10', '-q'])\n"
+        "main(['bench', 'solvers', '--problems', '10', '-q'])\n"
     )
     line = [*command()[:1], "-c", script]
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment(), check=False)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from miniloop_cli.bench.pose_errors import normalised_errors
+from benchmarks.experiments.pose_errors import normalised_errors
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.gauge import with_own_errors
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from miniloop_cli.bench.pose_errors import normalised_errors, within_2_sigma
+from benchmarks.experiments.pose_errors import normalised_errors, within_2_sigma
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.refinement import rolling_shutter as calibration

@@ -154,7 +154,12 @@ def test_a_run_without_any_pose_still_says_why(run):
         (run.results / name).unlink()
     header = (run.results / "edges.csv").read_text().splitlines()[0]
     (run.results / "edges.csv").write_text(header + "\n")
-    frames = (run.results / "frames.csv").read_text().replace(",1,0,registered,", ",0,-1,few_features,no depth").replace(",500,", ",20,")
+    frames = (
+        (run.results / "frames.csv")
+        .read_text()
+        .replace(",1,0,registered,", ",0,-1,few_features,no depth")
+        .replace(",500,", ",20,")
+    )
     (run.results / "frames.csv").write_text(frames)
     page = Page(written(run.results, run.sequence).read_text())
     assert "It did not work: 0 of 8 frames are registered." in page.text

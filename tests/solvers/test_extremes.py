@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from solver_cases import ALL, PLANAR, distance, name_of, poses, single
 
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench.problems import random_problems
-from miniloop_cli.bench.view_graphs import view_graph
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3

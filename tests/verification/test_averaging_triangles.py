@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.bench.view_graphs import view_graph
+from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.pose_rows import rows
 from miniloop_cli.scene.edge import Edge, EdgeTable

@@ -1,0 +1,99 @@
+"""`python -m benchmarks NAME`, in the folder of the repository."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from benchmarks.table import MEASUREMENTS
+from miniloop_cli.cli.bench.factory import command
+from miniloop_cli.cli.bench.table import SEQUENCES
+from miniloop_cli.cli.main import CONTEXT, LazyGroup, main
+
+FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.group(cls=LazyGroup, commands=[command(measurement) for measurement in MEASUREMENTS], context_settings=CONTEXT)
+def benchmarks() -> None:
+    """What miniloop is measured by beside the paper's experiments (those are `miniloop bench`).
+
+    \b
+    Example:   python -m benchmarks ablation path/to/freiburg1_desk
+    """
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="Every kind of feature; a table on stdout.")
+@SEQUENCES
+@click.option("--max-frames", type=click.IntRange(min=2), help="Evenly spaced frames of SEQ [default: all].")
+def features(sequences: tuple[Path, ...], max_frames: int | None) -> None:
+    """Recordings registered with every kind of feature: accuracy, and CPU seconds from nothing.
+
+    Relative errors of whole recordings are over the pairs listed in benchmarks/edges, where there is a list.
+
+    \b
+    Example:   python -m benchmarks features path/to/freiburg1_xyz_100 path/to/freiburg1_desk_100
+    """
+    from benchmarks.features import show
+
+    show(sequences, max_frames)
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="Faults that inspecting names; tables on stdout.")
+@click.argument("sequences", nargs=-1, type=FOLDER)
+@click.option("--seeds", type=click.IntRange(min=0), default=5, show_default=True, help="Simulated recordings a path.")
+def inspection(sequences: tuple[Path, ...], seeds: int) -> None:
+    """Sound recordings with one fault each: how often `miniloop inspect` names it, and what else it names.
+
+    \b
+    Example:   python -m benchmarks inspection path/to/freiburg1_desk_100 --seeds 2
+    """
+    from benchmarks.inspection import show
+
+    show(sequences, seeds)
+
+
+@benchmarks.command(name="color-icp", context_settings=CONTEXT, short_help="Poses before and after colour ICP.")
+@click.argument("result", type=FOLDER)
+@click.argument("sequence", type=FOLDER)
+@click.option("--edges", type=FILE, help="Pairs for the relative errors (lines 'i j') [default: the result's own].")
+def color_icp(result: Path, sequence: Path, edges: Path | None) -> None:
+    """Errors of a result, and of the same poses after colour ICP (Open3D) on the graph's strongest edges.
+
+    \b
+    Example:   python -m benchmarks color-icp results/freiburg1_desk path/to/freiburg1_desk
+    """
+    from benchmarks.color_icp import show
+
+    show(result, sequence, edges)
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="miniloop beside others; writes BENCHMARK.md.")
+@SEQUENCES
+@click.option(
+    "--results", type=click.Path(file_okay=False, path_type=Path), default=Path("results/benchmark"), show_default=True
+)
+@click.option("--part", "parts", multiple=True, help="Measure only this part again; may be repeated.")
+@click.option("--without", multiple=True, help="Leave this part out; may be repeated.")
+@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
+def run(
+    sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], without: tuple[str, ...], output: Path
+) -> None:
+    """miniloop and others on the same frames, one after the other, each in a process of its own.
+
+    Parts that are not measured keep what the results folder holds of them. Part "scaling" (simulated recordings of
+    100 to 2000 frames) is measured only when it is named.
+
+    \b
+    Needs:     pip install -e '.[bench]'
+               scripts/fetch_tum.sh --subset 100 freiburg1_xyz freiburg1_desk
+    Example:   python -m benchmarks run data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100
+    """
+    from benchmarks.side_by_side.run import run as measure
+
+    measure(sequences, results, output, parts, without)
+
+
+if __name__ == "__main__":
+    main(command=benchmarks, program="python -m benchmarks")

@@ -1,0 +1,128 @@
+"""miniloop and others on the same frames, one after the other, each in a process of its own; writes BENCHMARK.md."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.side_by_side.sections import edge_list
+
+ROOT = Path(__file__).parents[2]
+AVERAGING = (
+    ["--scans", "1000", "--edges", "5000", "--outliers", "0.05", "--peers"],
+    ["--scans", "10000", "--edges", "50000", "--outliers", "0.05", "--peers"],
+    ["--scans", "10000", "--edges", "50000", "--outliers", "0.1", "--kind", "expander", "--peers"],
+    ["--scans", "100000", "--edges", "500000", "--outliers", "0.05"],
+)
+SIMULATED_FRAMES = (100, 300, 1000, 2000)
+ON_DEMAND = ("scaling",)  # takes hours
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command that leaves `out`.json, run and measured as a whole."""
+
+    part: str
+    out: Path
+    command: list[str]
+
+
+def script(name: str, sequence: Path, out: Path, *more: str) -> list[str]:
+    """The command line of a program of this folder."""
+    return [sys.executable, "-m", f"benchmarks.side_by_side.{name}", str(sequence), str(out), *more]
+
+
+def bench(out: Path, *arguments: str) -> list[str]:
+    """The command line of a measurement of miniloop itself."""
+    command = [sys.executable, "-m", "benchmarks", *arguments]
+    return [*command, "-o", str(out), "-q", "--json", str(out.with_suffix(".json"))]
+
+
+def jobs(sequences: list[Path], results: Path) -> list[Job]:
+    """All jobs in order. First, short runs compile what is compiled; they are not reported."""
+    found = []
+    for config in ("default", "fast", "paper"):
+        out = results / f"warm-up-{config}"
+        command = script("miniloop_run", sequences[0], out, "--config", config, "--max-frames", "30")
+        found.append(Job("warm-up", out, command))
+    for sequence in sequences:
+        folder = results / sequence.name
+
+        def add(part: str, name: str, *more: str, sequence: Path = sequence, folder: Path = folder) -> None:
+            found.append(Job(part, folder / part, script(name, sequence, folder / part, *more)))
+
+        add("miniloop", "miniloop_run")
+        add("miniloop-seed1", "miniloop_run", "--seed", "1")
+        add("miniloop-seed2", "miniloop_run", "--seed", "2")
+        add("miniloop-fast", "miniloop_run", "--config", "fast")
+        add("miniloop-paper", "miniloop_run", "--config", "paper")
+        add("open3d", "open3d_multiway")
+        add("open3d-opencv", "open3d_multiway", "--matcher", "opencv")
+        add("pycolmap", "pycolmap_sfm")
+        add("again", "again")
+        add("same-poses", "same_poses")
+        add("matching", "matching")
+        edges = ["--edges", str(edge_list(sequence))] if edge_list(sequence).is_file() else []
+        out = folder / "ablation"
+        found.append(Job("ablation", out, bench(out, "ablation", str(sequence), *edges)))
+    for k, arguments in enumerate(AVERAGING):
+        found.append(
+            Job("averaging", results / f"averaging-{k}", bench(results / f"averaging-{k}", "averaging", *arguments))
+        )
+    for frames in SIMULATED_FRAMES:
+        out, sequence = results / f"scaling-{frames}", results / f"simulated_{frames}"
+        found.append(Job("scaling", out, script("miniloop_run", sequence, out)))
+    return found
+
+
+def measure(job: Job) -> None:
+    """Run a job; its seconds and largest resident memory go to <out>.usage.json, what it says to <out>.log."""
+    job.out.parent.mkdir(parents=True, exist_ok=True)
+    for suffix in (".json", ".txt", ".usage.json"):
+        job.out.with_suffix(suffix).unlink(missing_ok=True)
+    # Threads that wait for each other shall sleep, not spin: spinning would be counted as work.
+    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONPATH": str(ROOT)}
+    load, begin = os.getloadavg()[0], time.perf_counter()
+    with job.out.with_suffix(".log").open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(job.command, stdout=log, stderr=log, env=environment)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    peak = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    numbers = {"wall": time.perf_counter() - begin, "cpu": usage.ru_utime + usage.ru_stime, "peak_mb": peak}
+    numbers |= {"load_before": load, "status": process.returncode}
+    job.out.with_suffix(".usage.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    done = "done" if process.returncode == 0 else f"FAILED, see {job.out.with_suffix('.log')}"
+    print(f"{job.out}: {done}, {numbers['wall']:.0f} s, CPU {numbers['cpu']:.0f} s", file=sys.stderr, flush=True)
+
+
+def simulate(job: Job) -> None:
+    """The recording that a job of part "scaling" registers, made where it is missing."""
+    frames = job.out.name.split("-")[1]
+    folder = job.out.with_name(f"simulated_{frames}")
+    if not folder.exists():
+        options = ["--frames", frames, "--path", "random-walk", "--width", "320", "--height", "240"]
+        subprocess.run([sys.executable, "-m", "miniloop_cli", "simulate", str(folder), *options, "-q"], check=True)
+
+
+def run(
+    sequences: Sequence[Path], results: Path, output: Path, parts: Collection[str] = (), without: Collection[str] = ()
+) -> None:
+    """Measure all parts, those named `parts` alone, or all but those `without`; then write the page `output`.
+
+    What is not measured now keeps what the folder `results` holds of it. Parts ON_DEMAND have to be named.
+    """
+    for job in jobs([path.resolve() for path in sequences], results.resolve()):
+        wanted = job.part in parts if parts else job.part not in (*ON_DEMAND, *without)
+        if wanted or job.part == "warm-up":
+            if job.part == "scaling":
+                simulate(job)
+            measure(job)
+    from benchmarks.side_by_side.report import write  # late: the parent's memory counts in that of its children
+
+    write(sequences, results, output)

@@ -1,0 +1,187 @@
+"""The tables of BENCHMARK.md: each a head and rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+Json = dict[str, Any]
+Table = tuple[list[str], list[list[Any]]]
+
+PROTOCOL_TEXT = """\
+**How it is measured.** ATE: root mean square after SE(3) alignment on positions (Sim(3) for colour alone, which has no
+scale). Edge errors: mean relative rotation and translation error over one list of pairs (`benchmarks/edges/`, the pairs
+that overlap), the same for all. Ground truth: the nearest sample within 20 ms; in freiburg1 it is itself 10-30 ms and
+0.2-0.4 deg off. Seconds and memory are those of the whole process, interpreter, imports and reading of the images
+included, nothing taken from an earlier run, numba's compiled code loaded from its cache; CPU seconds are user and
+system time of all threads. Open3D gets miniloop's features, and in one row its matcher,
+as it has none of its own."""
+MATCHING_TEXT = """\
+Mutual nearest neighbours with the ratio test (0.8), exact, one thread; CPU milliseconds a pair of scans, each
+pair's fastest of three. "Same": share of its matches that miniloop finds too (bits tie: which of several equally near
+neighbours is taken differs)."""
+AVERAGING_TEXT = """\
+`python -m benchmarks averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of
+the call, wall clock. miniloop's include translations, pycolmap's and gtsam's (Shonan) are rotations alone."""
+AGAIN_TEXT = """\
+`miniloop register -q` as it is called, report and model included: from nothing, then again into the same folder with
+one setting of the averaging changed."""
+ABLATION_TEXT = """\
+One thing changed at a time (`python -m benchmarks ablation`). Wrong: share of edges whose own estimate, before
+averaging, is off by more than 5 deg or 10 cm. Seconds of all stages after the features, in one process with everything
+compiled."""
+SCALING_TEXT = """\
+Simulated recordings (320 x 240, `--path random-walk`, all in one room: every scan overlaps a fifth of all others and
+more), defaults. Wall seconds a stage."""
+
+
+def edge_list(sequence: Path) -> Path:
+    """The list of edges that relative errors are measured on."""
+    return Path(__file__).parents[1] / "edges" / f"{sequence.name}.txt"
+
+
+def text(value: Any) -> str:
+    """A cell: numbers to a sensible number of digits, "-" for none."""
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.3f}" if abs(value) < 0.1 else f"{value:.2f}" if abs(value) < 20 else f"{value:.0f}"
+    return str(value)
+
+
+def scores(trajectory: Path, sequence: Path, alignment: str = "SE3") -> Json:
+    """ate_cm, edge_deg, edge_cm, registered of a trajectory; {} without one."""
+    from miniloop_cli.evaluation.evaluate import Protocol, evaluate
+    from miniloop_cli.results.evaluation_inputs import read_inputs
+
+    if not trajectory.is_file():
+        return {}
+    edges = edge_list(sequence)
+    protocol = Protocol(alignment=alignment, association="nearest")
+    found = evaluate(*read_inputs(trajectory, sequence, edges if edges.is_file() else None, protocol)).numbers
+    relative = found["rpe"]["edges" if edges.is_file() else "seconds"]
+    return {
+        "registered": found["poses"],
+        "ate_cm": 100 * found["ate_rmse_m"],
+        "edge_deg": relative["rot_deg_mean"],
+        "edge_cm": 100 * relative["trans_m_mean"],
+    }
+
+
+def whole_runs(runs: dict[str, Json], trajectories: dict[str, Path], sequence: Path) -> Table:
+    """Accuracy beside time, a row a method."""
+    head = ["", "frames", "ATE cm", "edges deg", "edges cm", "edges", "wall s", "CPU s", "peak MB"]
+    rows = []
+    for name, run in runs.items():
+        score = scores(trajectories[name], sequence, "Sim3" if "colour only" in name else "SE3")
+        usage = run["usage"]
+        rows.append(
+            [name, f"{score.get('registered', 0)} of {run['frames']}"]
+            + [score.get(key) for key in ("ate_cm", "edge_deg", "edge_cm")]
+            + [run["edges"], usage["wall"], usage["cpu"], round(usage["peak_mb"])]
+        )
+    return head, rows
+
+
+def ratios(runs: dict[str, Json]) -> str:
+    """How many times miniloop's CPU seconds the peers take."""
+    if "miniloop" not in runs:
+        return ""
+    ours = runs["miniloop"]["usage"]["cpu"]
+    peers = {name: run["usage"]["cpu"] for name, run in runs.items() if not name.startswith("miniloop")}
+    told = [f"{name} {cpu / ours:.1f}" for name, cpu in peers.items()]
+    return f"CPU seconds, miniloop = 1: {'; '.join(told)}." if told else ""
+
+
+def stages(runs: dict[str, Json]) -> Table:
+    """Wall and CPU seconds of every stage, a row a method."""
+    names = list(dict.fromkeys(stage for run in runs.values() for stage in run["stages"]))
+    rows = []
+    for name, run in runs.items():
+        cells = [run["stages"].get(stage) for stage in names]
+        rows.append([name] + [f"{text(c['wall'])} / {text(c['cpu'])}" if c else "" for c in cells])
+    return ["stage: wall / CPU s", *names], rows
+
+
+def again(found: Json, runs: dict[str, Json]) -> Table:
+    """A run, and the same run with one setting changed, beside Open3D's multiway registration."""
+    rows, whole = [], next(iter(found["stages"].values()))["wall"]
+    multiway = next((run["usage"]["wall"] for name, run in runs.items() if name.startswith("Open3D")), None)
+    for changed, spent in found["stages"].items():
+        shares = [f"{100 * spent['wall'] / other:.1f} %" if other else None for other in (whole, multiway)]
+        rows.append([changed, spent["wall"], spent["cpu"], *shares])
+    return ["changed", "wall s", "CPU s", "of the run from nothing", "of Open3D multiway's wall s"], rows
+
+
+def same_poses_text(found: Json) -> str:
+    """What the table of averaging on the same edges shows."""
+    return (
+        f"**From relative to absolute poses**, on miniloop's {found['edges']} edges of {found['scans']} scans as they "
+        "are estimated; seconds include handing the problem over."
+    )
+
+
+def same_poses(found: Json, folder: Path, sequence: Path) -> Table:
+    """Averaging and pose graphs on the same relative poses."""
+    rows = []
+    for row in found["rows"]:
+        score = scores(folder / row["trajectory"], sequence)
+        position = [score.get("ate_cm"), score.get("edge_cm")] if row["poses"] else [None, None]
+        rows.append([row["method"], position[0], score.get("edge_deg"), position[1], row["wall"], row["cpu"]])
+    return ["", "ATE cm", "edges deg", "edges cm", "wall s", "CPU s"], rows
+
+
+def matching(found: dict[str, Json]) -> Table:
+    """Matchers side by side, milliseconds a pair."""
+    rows = []
+    for sequence, data in found.items():
+        for row in data.get("rows", []):
+            size = f"{row['features']}, {row['mean_count']:.0f} a scan"
+            rows.append([sequence, size, row["matcher"], row["ms"], row["matches"], f"{100 * row['also_ours']:.1f} %"])
+    return ["recording", "features", "", "CPU ms a pair", "matches a pair", "same"], rows
+
+
+def averaging(found: Sequence[Json]) -> Table:
+    """View graphs with known poses."""
+    head = [
+        "graph",
+        "",
+        "seconds",
+        "of these rotations",
+        "rotation deg, median",
+        "mean",
+        "position m, median",
+        "peak MB",
+    ]
+    keys = ("seconds", "rotation_seconds", "rot_err_deg_median", "rot_err_deg_mean", "trans_err_median")
+    rows = []
+    for row in found:
+        graph = f"{row['kind']}, {row['scans']} scans, {row['edges']} edges, {100 * row['outliers']:g} % outliers"
+        peak = round(row["peak_mb"]) if row["method"] == "miniloop" else None
+        rows.append([graph, row["method"], *(row[key] for key in keys), peak])
+    return head, rows
+
+
+def ablation(found: Json) -> Table:
+    """What each step is worth."""
+    keys = {
+        "registered": "frames", "edges": "edges", "wrong_share": "wrong", "ate_cm": "ATE cm", "edge_deg": "edges deg",
+        "edge_cm": "edges cm",
+        "matching_s": "matching s", "edges_s": "edges s", "averaging_s": "averaging s", "refinement_s": "refinement s",
+        "seconds": "wall s", "cpu_s": "CPU s",
+    }  # fmt: skip
+    return ["", *keys.values()], [[row["variant"], *(row.get(key) for key in keys)] for row in found["rows"]]
+
+
+def scaling(runs: dict[int, Json], found: dict[int, Json]) -> Table:
+    """Accuracy, seconds a stage and memory over the number of frames."""
+    names = list(dict.fromkeys(stage for run in runs.values() for stage in run["stages"]))
+    rows: list[list[Any]] = []
+    for frames, run in runs.items():
+        wall = [run["stages"][name]["wall"] for name in names]
+        usage, score = run["usage"], found[frames]
+        start = [frames, score.get("registered", 0), score.get("ate_cm")]
+        rows.append([*start, *wall, usage["wall"], usage["cpu"], round(usage["peak_mb"])])
+    head = ["frames", "registered", "ATE cm", *(f"{name} s" for name in names), "wall s", "CPU s", "peak MB"]
+    return head, rows

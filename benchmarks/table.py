@@ -1,0 +1,296 @@
+"""The measurements of benchmarks/experiments as `python -m benchmarks` offers them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from miniloop_cli.cli import options
+from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, several, whole
+from miniloop_cli.cli.bench.table import MAX_FRAMES, SEQUENCES
+
+UNITS = ("deg", "cm")
+SIGMA = click.FloatRange(min=0)
+
+
+def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from benchmarks.experiments.ablation import VARIANTS
+
+        for name, variant in VARIANTS.items():
+            click.echo(f"{name:<24}{variant.settings}")
+        ctx.exit()
+
+
+class Share(click.ParamType):
+    """A share of the edges, 0.05 or, in percent, 5; below all of them."""
+
+    name = "share"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The share as a number below 1."""
+        given = click.FLOAT.convert(value, param, ctx)
+        share = given / 100 if given >= 1 else given
+        if not 0 <= share < 1:
+            self.fail("a share of the edges (0.05) or percent (5), below all of them", param, ctx)
+        return share
+
+
+ABLATION = Benchmark(
+    "ablation",
+    "What each step is worth on a recording.",
+    """One thing changed at a time: frames, errors against ground truth, seconds.
+
+    SEQ: recordings with ground truth. ATE is the rmse after SE(3) alignment on positions; edge errors are means over
+    one list of edges that all rows share; wrong is the share of edges whose own estimate, before averaging, is off by
+    more than 5 deg or 10 cm; ground truth is the nearest sample within 20 ms. Seconds are those of all
+    stages after the features, which come from the cache where they are.
+
+    \b
+    Example:   python -m benchmarks ablation path/to/freiburg1_desk --only "pairwise only" --only "pose graph"
+    """,
+    rows="benchmarks.experiments.ablation:ablation_rows",
+    draw="benchmarks.experiments.ablation:draw",
+    heading="{sequence}",
+    columns=(
+        Column("", "{variant}", "<24"),
+        *numbers(
+            ">9",
+            ".2f",
+            registered="frames",
+            edges="edges",
+            wrong_share="wrong",
+            ate_cm="ATE cm",
+            edge_deg="edge deg",
+            edge_cm="edge cm",
+            matching_s="match s",
+            edges_s="edges s",
+            averaging_s="aver. s",
+            refinement_s="refine s",
+            seconds="total s",
+            cpu_s="CPU s",
+        ),
+    ),
+    options=(
+        SEQUENCES,
+        click.option(
+            "--edges",
+            "edge_files",
+            multiple=True,
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            help="Measure edge errors on these (lines 'i j'); one file a SEQ, in order"
+            " [default: the default's verified].",
+        ),
+        click.option("--only", multiple=True, metavar="VARIANT", help="Only this variant beside the default; repeat."),
+        click.option(
+            "--list",
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_show_variants,
+            help="Show the variants with their settings, and do nothing else.",
+        ),
+    ),
+)
+
+AVERAGING = Benchmark(
+    "averaging",
+    "Motion averaging on graphs with known poses.",
+    """Rotation and translation averaging on graphs with known poses: time, error, memory.
+
+    Options that name a graph can be given several times; every combination is measured.
+
+    \b
+    Example:   python -m benchmarks averaging --scans 10000 --edges 50000 --outliers 0.1 --kind expander
+    """,
+    rows="benchmarks.experiments.averaging:averaging_rows",
+    draw="benchmarks.experiments.averaging:draw",
+    columns=numbers(
+        ">12",
+        ".4g",
+        "method",
+        "kind",
+        "scans",
+        "edges",
+        "outliers",
+        "seconds",
+        rotation_seconds="rotation s",
+        rot_err_deg_median="median deg",
+        rot_err_deg_mean="mean deg",
+        trans_err_median="median m",
+        peak_mb="peak MB",
+        converged="converged",
+    ),
+    options=(
+        several("--scans", click.IntRange(min=2), (100, 1000, 10_000), "Scans of a graph."),
+        click.option("--edges", type=click.IntRange(min=1), help="Edges of each graph [default: 5 a scan]."),
+        several("--outliers", Share(), (0.05,), "Share of edges with a random relative pose (0.05), or percent (5)."),
+        several("--kind", click.Choice(["video", "expander"]), ("video",), "How scans are connected."),
+        click.option("--noise-deg", type=SIGMA, default=0.5, show_default=True, help="Along each axis."),
+        click.option("--noise-m", type=SIGMA, default=0.01, show_default=True, help="Along each axis."),
+        click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed."),
+    ),
+    parallel=False,
+)
+
+CALIBRATION = Benchmark(
+    "calibration",
+    "Errors in units of what is promised.",
+    """The share of pose errors within two of their own standard deviations, over paths, noise and numbers of frames.
+
+    Every error is one of six of a pose (rotation and translation along its camera's axes), relative to the frame that
+    the run holds fixed. 95.4 % if everything were Gaussian.
+
+    \b
+    Example:   python -m benchmarks calibration --seeds 5 --noise 1 --frames 30
+    """,
+    rows="benchmarks.experiments.calibration:calibration_rows",
+    draw="benchmarks.experiments.calibration:draw",
+    columns=(
+        Column("path", "{path}", "<13"),
+        Column("noise", "{noise:g}", ">6"),
+        *numbers(">7", "", "frames", "poses"),
+        Column("2 sigma", "{within_2_sigma:.0%}", ">9"),
+        *numbers(">10", ".3f", error_cm_rms="error cm", promised_cm_rms="promised"),
+    ),
+    options=(
+        several("--frames", click.IntRange(min=3), (16, 32), "Frames of a recording."),
+        several("--noise", SIGMA, (0.5, 1.0, 2.0), "Times a Kinect's."),
+        whole("--seeds", 1, 2, "Recordings of each kind."),
+        whole("--width", 160, 320, "Width of the images (px)."),
+    ),
+)
+
+EDGES = Benchmark(
+    "edges",
+    "The graph of a recording solved in pairs and cycles.",
+    """Errors of the edges before averaging and after (->), mistakes among those verified, CPU seconds.
+
+    SEQ: recordings with ground truth. All rows of a recording are measured on the same edges: those that each of them
+    verified. Wrong: verified, and off by more than 5 deg or 10 cm.
+
+    \b
+    Example:   python -m benchmarks edges path/to/freiburg1_desk --longest 5
+    """,
+    rows="benchmarks.experiments.edges:edge_rows",
+    draw="benchmarks.experiments.edges:draw_edges",
+    heading="{sequence}",
+    columns=(
+        Column("solved in", "{edges_are}", "<17"),
+        *numbers(
+            ">11",
+            ".3f",
+            "verified",
+            "wrong",
+            "scored",
+            **{
+                f"before_{unit}_{kind}": f"{unit} {kind}"
+                for unit in ("deg", "cm")
+                for kind in ("mean", "median", "p95")
+            },
+            **{f"after_{unit}_{kind}": f"-> {kind}" for unit in ("deg", "cm") for kind in ("mean", "p95")},
+            cpu_s="CPU s",
+            cpu_over_pairs="x pairs",
+        ),
+    ),
+    options=(
+        SEQUENCES,
+        several("--longest", click.IntRange(3, 7), (3, 4, 5), "Longest cycle beside pairs only."),
+        MAX_FRAMES,
+    ),
+)
+
+OUTLIERS = Benchmark(
+    "outliers",
+    "False edges against averaging and refinement.",
+    """The share of graphs with false edges whose poses are as good as twice the error without them.
+
+    SEQ: recordings with ground truth. The true edges are the recording's own, as estimated; 10 to 50 % false ones are
+    put in, random, or in clusters that agree with each other. `miniloop` may look at the scans behind an edge, as
+    `miniloop register` does; `edges only`, and the peers, may not. Placed: scans that get a pose.
+
+    \b
+    Example:   python -m benchmarks outliers path/to/freiburg1_xyz --runs 5
+    """,
+    rows="benchmarks.experiments.outliers:outlier_rows",
+    draw="benchmarks.experiments.outliers:draw",
+    heading="{sequence}: {scans} scans, {edges} true edges",
+    columns=(
+        Column("kind", "{kind}", "<11"),
+        Column("false", "{false_share:.0%}", ">6"),
+        Column("  method", "  {method}", "<24"),
+        *numbers(">20", ".0%", within_share="positions within", rot_within_share="rotations within"),
+        *numbers(">10", ".2f", ate_cm_median="ATE cm", rot_deg_median="deg"),
+        Column("placed", "{posed_mean:.0%}", ">8"),
+    ),
+    options=(
+        click.argument("sequences", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path)),
+        click.option(
+            "--simulated/--no-simulated", default=True, show_default=True, help="Also two simulated recordings."
+        ),
+        whole("--max-frames", 10, 50, "Scans a recording."),
+        several("--percent", click.FloatRange(0, 90), (10, 20, 30, 40, 50), "False edges among all."),
+        whole("--runs", 1, 10, "Graphs a kind and percentage."),
+        click.option("--peers", is_flag=True, help="Also gtsam and pycolmap, where installed."),
+    ),
+)
+
+RECALL = Benchmark(
+    "recall",
+    "Edges that choosing candidates loses.",
+    """Compare all pairs exactly, then by sketches (auto), then only pairs that are near or look alike (retrieval).
+
+    Kept: share of the edges verified by the first way that are verified by another; share: of its CPU seconds.
+
+    \b
+    Example:   python -m benchmarks recall path/to/freiburg1_desk
+    """,
+    rows="benchmarks.experiments.recall:recall_rows",
+    draw="benchmarks.experiments.recall:draw_recall",
+    heading="{sequence}",
+    columns=numbers(
+        ">15",
+        "",
+        "candidates",
+        "verified",
+        "kept",
+        matching_cpu_s="matching CPU s",
+        matching_share="share",
+        registered="registered",
+        ate_cm="ATE cm",
+    ),
+    options=(SEQUENCES, MAX_FRAMES, options.overrides),
+)
+
+SCENES = Benchmark(
+    "scenes",
+    "Hard scenes: right poses, or an honest no.",
+    """Simulated scenes, each with a stated right answer: frames registered, error, what is said of the others.
+
+    The error is the rmse of positions after one rigid motion that fits orientations and positions; 2 sigma: the share
+    of the errors, axis by axis, within twice the standard deviation that the run promises.
+
+    \b
+    Example:   python -m benchmarks scenes --only "repeated texture" --seeds 5
+    """,
+    rows="benchmarks.experiments.scenes:scene_rows",
+    draw="benchmarks.experiments.scenes:draw",
+    columns=(
+        Column("scene", "{scene}", "<31"),
+        Column("registered", "{registered} of {frames}", ">12"),
+        Column("error cm", "{ate_cm:.2f}", ">10"),
+        Column("2 sigma", "{within_2_sigma:.0%}", ">9"),
+        Column("right", "{as_expected}", ">7"),
+        Column("  what is said", "  {verdict}", ""),
+    ),
+    options=(
+        click.option("--only", multiple=True, metavar="SCENE", help="Only this scene; may be repeated."),
+        whole("--frames", 4, 30, "Frames a scene."),
+        whole("--width", 160, 640, "Width of the images (px)."),
+        whole("--seeds", 1, 1, "Rooms and paths a scene."),
+    ),
+)
+
+MEASUREMENTS = (ABLATION, AVERAGING, CALIBRATION, EDGES, OUTLIERS, RECALL, SCENES)

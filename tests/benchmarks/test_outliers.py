@@ -1,0 +1,117 @@
+"""`python -m benchmarks outliers`: false edges are what they are said to be, and what is measured is what is said."""
+
+import csv
+import importlib.util
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.__main__ import benchmarks
+from benchmarks.experiments import outliers
+from benchmarks.experiments.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
+from benchmarks.experiments.outliers import METHODS, graph_rows
+from miniloop_cli.api import simulate
+from miniloop_cli.geometry import se3
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.registration import RegistrationError
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return simulate(tmp_path_factory.mktemp("outliers") / "loop", frames=16, width=320, height=240)
+
+
+@pytest.fixture(scope="module")
+def graph(folder):
+    return true_graph(folder, 16, 0, Workers(2))
+
+
+def off(edge, graph):
+    T = graph.T_world_cam
+    E = se3.inverse(se3.inverse(T[edge.j]) @ T[edge.i]) @ edge.T_j_i
+    return se3.rotation_angle_deg(E[:3, :3]), np.linalg.norm(E[:3, 3])
+
+
+@pytest.mark.parametrize("kind", ["random", "consistent"])
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_false_edges_are_false_and_as_many_as_asked_for(graph, kind, share):
+    edges, false = with_false_edges(graph, kind, share, np.random.default_rng(3))
+    assert [(e.i, e.j) for e in edges] == sorted({(e.i, e.j) for e in edges})
+    assert false.mean() == pytest.approx(share, abs=0.02)
+    assert all(
+        (off(e, graph)[0] > FALSE_DEG or off(e, graph)[1] > FALSE_M) == wrong
+        for e, wrong in zip(edges, false, strict=True)
+    )
+    degree = np.bincount(np.array([(e.i, e.j) for e, wrong in zip(edges, false, strict=True) if not wrong]).ravel())
+    was = np.bincount(np.array([(e.i, e.j) for e in graph.edges]).ravel())
+    assert (degree >= np.minimum(was, KEPT_EDGES)).all()
+    again, _ = with_false_edges(graph, kind, share, np.random.default_rng(3))
+    assert all((a.T_j_i == b.T_j_i).all() for a, b in zip(edges, again, strict=True))
+
+
+def test_consistent_edges_agree_in_where_the_other_scans_lie(graph):
+    """Of one cluster, T_b T_b_a inv(T_a) is the same for all its edges, but for noise."""
+    edges, false = with_false_edges(graph, "consistent", 0.1, np.random.default_rng(3))
+    T = graph.T_world_cam
+    moved = np.array([T[e.j] @ e.T_j_i @ se3.inverse(T[e.i]) for e, wrong in zip(edges, false, strict=True) if wrong])
+    E = se3.inverse(moved[0]) @ moved
+    assert len(E) > 5 and np.median(se3.rotation_angle_deg(E[:, :3, :3])) < 1
+    random, false = with_false_edges(graph, "random", 0.1, np.random.default_rng(3))
+    moved = np.array([T[e.j] @ e.T_j_i @ se3.inverse(T[e.i]) for e, wrong in zip(random, false, strict=True) if wrong])
+    assert np.median(se3.rotation_angle_deg((se3.inverse(moved[0]) @ moved)[1:, :3, :3])) > 5
+
+
+def test_command_on_a_recording(folder, tmp_path):
+    arguments = ["outliers", str(folder), "--no-simulated", "--percent", "20", "--runs", "2", "-o", str(tmp_path)]
+    result = CliRunner().invoke(benchmarks, [*arguments, "--json", "-", "-q"])
+    assert result.exit_code == 0, result.output
+    rows = json.loads(result.stdout)["rows"]
+    assert [(r["kind"], r["method"]) for r in rows] == [(k, m) for k in ("random", "consistent") for m in METHODS]
+    for row in rows:
+        assert 0.15 < row["false_share"] < 0.25 and row["clean_ate_cm"] < 1
+        if row["method"] == "miniloop":  # what the scans show tells of single edges and of whole clusters
+            assert row["within_share"] == row["rot_within_share"] == 1
+            assert row["false_kept_mean"] == 0 and row["true_lost_mean"] < 0.05
+    with (tmp_path / "outliers.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(rows)
+    assert (tmp_path / "outliers.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_result_that_is_wrong_is_not_within(graph, monkeypatch):
+    def believes_all(graph, edges):
+        T, posed, _ = outliers.miniloop(graph, graph.edges)
+        wrong = np.random.default_rng(0).normal(size=(len(T), 3)) if len(edges) != len(graph.edges) else 0
+        T[:, :3, 3] += wrong
+        return T, posed, [replace(edge, verdict="verified") for edge in edges]
+
+    monkeypatch.setattr(outliers, "METHODS", {"wrong": believes_all})
+    rows = list(graph_rows(graph, [0.2], 2))
+    assert [row["within_share"] for row in rows] == [0, 0] and [row["rot_within_share"] for row in rows] == [1, 1]
+    assert [row["false_kept_mean"] for row in rows] == [1, 1]
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("gtsam"), reason="gtsam is not installed (extra bench)")
+def test_peers_solve_the_clean_graph(graph):
+    from benchmarks.experiments.peers.outliers import installed
+
+    for name, solve in installed().items():
+        T, posed, _ = solve(graph, graph.edges)
+        assert posed[graph.scans].all(), name
+        R = graph.T_world_cam[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+        assert se3.rotation_angle_deg(np.swapaxes(R[:1], 1, 2) @ R).max() < 1, name
+
+
+def test_too_few_scans_is_said(tmp_path):
+    few = simulate(tmp_path / "few", frames=3, width=160, height=120, path="still")
+    with pytest.raises(RegistrationError, match="fewer than 10 scans"):
+        true_graph(few, None, 0, Workers(1))
