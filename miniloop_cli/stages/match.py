@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Pair
 from miniloop_cli.verification.pose_prior import pairs_by_pose_prior
 
+LOG = logging.getLogger("miniloop")
 CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
 
 
@@ -28,6 +30,26 @@ def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Pri
 
     Where a pose prior is given, the pairs that it names take the place of all or of those retrieved.
     """
+    found = _compared(scans, settings, pose_prior, priors, run)
+    if settings.edge_share is None:
+        return found
+    least = max(min_matches_for(found, settings.edge_share, len(scans)), settings.min_matches)
+    LOG.info("T = %d matches: %.3g of all pairs were to become edges", least, settings.edge_share)
+    return {pair: rows for pair, rows in found.items() if len(rows) >= least}
+
+
+def min_matches_for(matches: Matches, edge_share: float, scans: int) -> int:
+    """The T of the paper whose overlap graph has the share of all pairs that comes nearest to `edge_share`."""
+    counts = np.array([len(rows) for rows in matches.values()])
+    candidates = np.unique(counts)
+    if not len(candidates):
+        return 0
+    edges = (counts >= candidates[:, None]).sum(axis=1)
+    return int(candidates[np.abs(edges - edge_share * scans * (scans - 1) / 2).argmin()])
+
+
+def _compared(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Priors, run: Run) -> Matches:
+    """Matches of all pairs that the settings name and that have `min_matches`."""
     compare = comparer(scans, settings, run.workers)
 
     def matched(pairs: Sequence[Pair]) -> Matches:
