@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from types import FunctionType
-from typing import Any, ClassVar
+from typing import Any
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
@@ -65,7 +65,9 @@ class KernelLocator(_CacheLocator):
 class KernelCacheImpl(CompileResultCacheImpl):
     """numba's way to keep a compiled function, at our place."""
 
-    _locator_classes: ClassVar[list[type[object]]] = [KernelLocator]
+    def __init__(self, function: FunctionType) -> None:
+        self._locator_classes = [KernelLocator]
+        super().__init__(function)
 
 
 class KernelCache(FunctionCache):

@@ -18,7 +18,7 @@ from typing import Protocol, TypeVar
 
 import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be loaded to be held at one thread
 from joblib import effective_n_jobs
-from threadpoolctl import threadpool_limits
+from threadpoolctl import OpenBLASController, threadpool_limits
 
 from miniloop_cli.runtime.progress import track
 
@@ -72,11 +72,13 @@ def _opencv_and_blas() -> Iterator[None]:
 
     found = cv2.getNumThreads()
     cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1, user_api="blas"):
+    with threadpool_limits(1, user_api="blas"):
+        try:
             yield
-    finally:
-        cv2.setNumThreads(found)
+        finally:
+            cv2.setNumThreads(found)
+            # Newer versions let no other thread give back than the one that limited first; here, it may be any.
+            getattr(OpenBLASController, "clear_controlling_thread", lambda force: None)(force=True)
 
 
 class _Openmp(threading.local):
