@@ -85,13 +85,9 @@ def _work(function: Callable[[Shared, Item], Result], package: list[Shared], bat
 
 @contextmanager
 def _told_in_one_line(address: str) -> Iterator[None]:
-    """What dask raises for lost connections and workers, as a MiniloopError; its own log lines are held back."""
+    """What dask raises for lost connections and workers, as a MiniloopError."""
     from distributed import KilledWorker
 
-    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in ("distributed", "tornado", "asyncio")]
-    quieted = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
-    for logger in quieted:
-        logger.disabled = True
     try:
         yield
     except KilledWorker as error:
@@ -100,9 +96,6 @@ def _told_in_one_line(address: str) -> Iterator[None]:
     except (OSError, TimeoutError, CancelledError) as error:
         why = f"the scheduler or its last worker is lost ({type(error).__name__})"
         raise MiniloopError(f"--cluster {address}: {why}; {CONTINUES}") from error
-    finally:
-        for logger in quieted:
-            logger.disabled = False
 
 
 @contextmanager
@@ -124,9 +117,23 @@ def connected(address: str) -> Iterator[Cluster]:
             f"--cluster {address}: no scheduler answers within {ANSWER_S} s ({why}); start one with `dask scheduler` "
             "and give the address that it prints"
         ) from error
-    with client:
+    with _without_log_lines(), client:
         _check_workers(client, address)
         yield Cluster(client)
+
+
+@contextmanager
+def _without_log_lines() -> Iterator[None]:
+    """What dask logs of lost connections and workers is held back: one line of our own says it."""
+    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in ("distributed", "tornado", "asyncio")]
+    held = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in held:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in held:
+            logger.disabled = False
 
 
 def _greet(address: str) -> None:
