@@ -1,4 +1,7 @@
-"""Three calls that do what the command line does: `register`, `evaluate`, `simulate`."""
+"""Three calls that do what the command line does: `register`, `evaluate`, `simulate`.
+
+They leave the process as they find it: variables, handlers of signals, numba's settings, threads of other libraries.
+"""
 
 from __future__ import annotations
 

@@ -34,13 +34,14 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 class KernelLocator(_CacheLocator):
     """Where the code of one kernel is kept, and what must be unchanged for it to be loaded: all kernels' sources."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: FunctionType, path: str) -> None:
         folder = kernels_folder()
         if folder is None:
             raise OSError("no folder for compiled kernels can be written")
         packages = function.__module__.split(".")[1:-1]  # numba names the file by the module
         self._path = os.fspath(folder.joinpath(*packages))
         self._line = function.__code__.co_firstlineno
+        self._py_file = path  # where numba says that a kernel cannot be kept
 
     def get_cache_path(self) -> str:
         """The folder that numba reads and writes."""
@@ -57,7 +58,7 @@ class KernelLocator(_CacheLocator):
     @classmethod
     def from_function(cls, function: FunctionType, path: str) -> KernelLocator:
         """The locator of a function. Raises OSError where nothing can be kept."""
-        locator = cls(function)
+        locator = cls(function, path)
         locator.ensure_cache_path()
         return locator
 
