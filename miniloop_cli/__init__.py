@@ -3,21 +3,19 @@
     from miniloop_cli import evaluate, register, simulate
 
 The three calls of miniloop_cli.api are imported when they are first asked for, so that the command line starts at once.
+Importing this package changes nothing in the process and touches no file.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from miniloop_cli.runtime.kernel_cache import keep_compiled
 from miniloop_cli.version import __version__
 
 if TYPE_CHECKING:
     from miniloop_cli.api import evaluate, register, simulate
 
 __all__ = ["__version__", "evaluate", "register", "simulate"]
-
-keep_compiled()
 
 
 def __getattr__(name: str) -> Any:

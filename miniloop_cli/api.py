@@ -1,4 +1,7 @@
-"""Three calls that do what the command line does: `register`, `evaluate`, `simulate`."""
+"""Three calls that do what the command line does: `register`, `evaluate`, `simulate`.
+
+They leave the process as they find it: variables, handlers of signals, numba's settings, threads of other libraries.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,6 @@ def register(
     from miniloop_cli.runtime.dask_cluster import connected
     from miniloop_cli.runtime.folder_lock import exclusive
     from miniloop_cli.runtime.parallel import Workers
-    from miniloop_cli.warmup import compile_in_background
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
@@ -64,8 +66,6 @@ def register(
     priors = read_priors(sequence, gravity, pose_prior)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)
-    if jobs != 1:
-        compile_in_background()
     with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
         workers = Workers(jobs, quiet, connection)
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -128,5 +127,7 @@ def _warm_up() -> None:
 
 
 def _peak_mb() -> float:
+    import resource  # there is none on Windows, where the rest of the package is imported, too
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 2**20 if sys.platform == "darwin" else peak / 2**10

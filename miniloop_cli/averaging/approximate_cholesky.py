@@ -10,8 +10,8 @@ Gao, Kyng & Spielman, "Robust and practical solution of Laplacian equations by a
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 Factor = tuple[Ints, Ints, Ints, Floats, Floats]

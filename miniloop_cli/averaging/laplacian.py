@@ -8,9 +8,9 @@ The gauge: x of the first scan is zero.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.averaging.approximate_cholesky import Factor, apply, eliminate
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Floats, Ints
 

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.geometry.pose_rows import Row, compose, invert, load, store
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 Near = tuple[float, float]

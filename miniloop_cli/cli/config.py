@@ -110,8 +110,8 @@ def allowed(field: FieldInfo) -> str:
         for name, text in words.items()
         if getattr(item, name, None) is not None
     ]
-    kind = {int: "whole number", float: "number", bool: "true or false", str: "text"}[field.annotation]
-    return ", ".join([kind, *limits])
+    kinds: dict[Any, str] = {int: "whole number", float: "number", bool: "true or false", str: "text"}
+    return ", ".join([kinds[field.annotation], *limits])
 
 
 def value_of(settings: BaseModel, key: str) -> Any:

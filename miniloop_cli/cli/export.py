@@ -99,7 +99,9 @@ def open_model(result: Path | None, sequence: Path | None, layout: str | None, c
     if sequence:
         return Model(results, open_sequence(sequence, layout=layout, camera_path=camera))
     recorded = results.summary.get("recording")
+    if not recorded:
+        return Model(results)
     try:
         return Model(results, open_sequence(recorded, layout or results.summary.get("layout"), camera))
-    except (MiniloopError, TypeError) as error:  # moved since, or never known: a format that needs it asks for it
-        return Model(results, problem=str(error) if recorded else "")
+    except (MiniloopError, TypeError) as error:  # moved since, or damaged: a format that needs it asks for it
+        return Model(results, problem=str(error))

@@ -16,7 +16,8 @@ from typing import NoReturn
 import click
 
 from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
-from miniloop_cli.runtime.signals import install_handlers, stop_repeating
+from miniloop_cli.runtime.kernel_cache import prepare_kernels_folder
+from miniloop_cli.runtime.signals import heeded_interrupts
 from miniloop_cli.version import __version__
 
 PROGRAM = "miniloop"
@@ -84,9 +85,14 @@ def main(args: list[str] | None = None, command: click.Command = cli, program: s
     """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
     args = sys.argv[1:] if args is None else args
     gc.set_threshold(YOUNG_OBJECTS)
+    with heeded_interrupts():
+        _run(command, args, program)
+
+
+def _run(command: click.Command, args: list[str], program: str) -> None:
     debug = "--debug" in args or bool(os.environ.get("MINILOOP_DEBUG"))
-    install_handlers()
     try:
+        prepare_kernels_folder()
         # --debug is taken wherever it stands: people add it to the end of the command that failed.
         command.main(args=[arg for arg in args if arg != "--debug"], prog_name=program, standalone_mode=False)
         sys.stdout.flush()
@@ -105,8 +111,6 @@ def main(args: list[str] | None = None, command: click.Command = cli, program: s
         with suppress(OSError):  # what could not be printed is not tried again when the interpreter ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    finally:
-        stop_repeating()
 
 
 def _end_interrupted() -> NoReturn:

@@ -102,6 +102,7 @@ def register(
     """
     from miniloop_cli.api import register as run_register
     from miniloop_cli.results.write import summary
+    from miniloop_cli.warmup import compile_in_background
 
     if recording_path:
         from miniloop_cli.report.rerun import import_rerun
@@ -114,6 +115,8 @@ def register(
         overrides = (f"features.type={features}", *overrides)
     if pairs:
         overrides = (f"matching.pairs={pairs}", *overrides)
+    if jobs != 1:
+        compile_in_background()
     run = run_register(
         sequence,
         output,

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.config import Bundle
 from miniloop_cli.features.detect import compact
 from miniloop_cli.features.lsh_match import squared_distance
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.typing import Bytes, Floats, Ints

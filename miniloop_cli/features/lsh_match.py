@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.features.hamming import WORDS, set_bits
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 Bits = NDArray[np.uint32]

@@ -7,9 +7,9 @@ maxima, so that it vectorises. Indices are looked up afterwards, for the few row
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 LANES = 16

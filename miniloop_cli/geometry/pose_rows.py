@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.geometry.quaternion_kernels import conjugate, product
 from miniloop_cli.geometry.se3 import quaternions
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 Row = tuple[float, float, float, float, float, float, float]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.typing import Floats, Ints, Pair
 

@@ -16,8 +16,7 @@ from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 if TYPE_CHECKING:
     pass
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.points import ScanPoints
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 # Sums may be reassociated, but NaN and infinity keep their meaning: a singular system is told by them.

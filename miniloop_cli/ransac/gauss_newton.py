@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.ransac.edge_normal_equations import MATH, edge_normal_equations
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of every fit

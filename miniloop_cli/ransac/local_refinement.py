@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.ransac.gauss_newton import CAUCHY2, WHOLE, closing_jacobians, compose_into, gauss_newton
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats
 
 STEPS = 8

@@ -8,9 +8,9 @@ this before any solving rejects nearly every contaminated sample: at 60 % inlier
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 TRIES = 256  # draws before an edge is given up for this hypothesis

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.ransac.gauss_newton import WHOLE, compose_into
 from miniloop_cli.ransac.matches import Packed
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win

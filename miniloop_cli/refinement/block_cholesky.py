@@ -11,8 +11,8 @@ so that the covariances of all poses cost about as much as two factorisations, i
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from miniloop_cli.geometry.se3 import project_so3
 from miniloop_cli.refinement.robust import KERNELS, Kernel, robust
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import checked_pairs
 from miniloop_cli.typing import Floats, Ints
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 Kernel = Literal["none", "cauchy", "geman-mcclure"]

@@ -10,10 +10,10 @@ With V = L L^T and Y = W L^-T the reduced system is  sum B^T A B - Y Y^T  (Trigg
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.track_terms import Model, Observations, camera_point, observation_cost, observation_terms
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from miniloop_cli.refinement.robust import robust
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats, Ints
 
 _NEAR_M = 0.02  # a point nearer than this (or behind) has no useful projection

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Ints
 
 

@@ -18,7 +18,7 @@ from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.results.ply import read_ply
 from miniloop_cli.results.tables import frame_status
-from miniloop_cli.runtime.atomic_files import temporary_name
+from miniloop_cli.runtime.atomic_files import replace, temporary_name
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import residuals
 from miniloop_cli.scene.registration import Registration
@@ -66,7 +66,7 @@ def write_rerun(run: Registration, results: Path, path: Path) -> Path:
         log_model(rr, stream, run, results)
         log_frames(rr, stream, run)
         stream.disconnect()
-        temporary.replace(path)
+        replace(temporary, path)
     except OSError as error:
         raise MiniloopError(f"cannot write {path}: {error.strerror or error}") from error
     finally:

@@ -26,6 +26,7 @@ from pydantic import BaseModel
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.cache_folder import cache_folder
 
 Arrays = Mapping[str, NDArray[Any]]
 LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
@@ -33,13 +34,8 @@ CHECKSUM_BYTES = 32
 
 
 def default_folder() -> Path:
-    """`$MINILOOP_CACHE`, else `$XDG_CACHE_HOME/miniloop`, else `~/.cache/miniloop`."""
-    if os.environ.get("MINILOOP_CACHE"):
-        return Path(os.environ["MINILOOP_CACHE"])
-    try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "miniloop"
-    except RuntimeError as error:
-        raise MiniloopError("this user has no home folder to keep finished work in: set MINILOOP_CACHE") from error
+    """The user's cache folder. Raises MiniloopError if there is none."""
+    return cache_folder()
 
 
 @cache

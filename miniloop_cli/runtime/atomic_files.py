@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from miniloop_cli.errors import MiniloopError
 
-HOST = os.uname().nodename
+HOST = platform.node()
 TEMPORARY = re.compile(r"\..+\.miniloop-(.+)-(\d+)\.tmp")
+DAY_S = 86400.0
+WINDOWS = os.name == "nt"
+PATIENCE_S = 2.0 if WINDOWS else 0.0  # for a file that somebody else has open; elsewhere that hinders nobody
 
 
 def temporary_name(path: Path) -> Path:
@@ -23,12 +28,17 @@ def temporary_name(path: Path) -> Path:
 
 
 @cache
-def remove_leftovers(folder: Path) -> None:
-    """Remove, once a process, what killed processes of this machine left in `folder` under temporary names."""
+def remove_leftovers(folder: Path, by_age: bool = WINDOWS) -> None:
+    """Remove, once a process, what killed processes of this machine left in `folder` under temporary names.
+
+    `by_age`: what was not written to for a day is a leftover; else, what belongs to no living process.
+    """
     with suppress(OSError):
         for entry in os.scandir(folder):
             match = TEMPORARY.fullmatch(entry.name)
-            if not match or match[1] != HOST or _alive(int(match[2])):
+            if not match or match[1] != HOST:
+                continue
+            if time.time() - entry.stat().st_mtime < DAY_S if by_age else _alive(int(match[2])):
                 continue
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path, ignore_errors=True)
@@ -37,6 +47,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _alive(pid: int) -> bool:
+    """Whether a process runs. Never asked on Windows, where `os.kill` ends a process whatever the signal."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -46,8 +57,24 @@ def _alive(pid: int) -> bool:
     return True
 
 
+def replace(temporary: Path, path: Path, patience_s: float = PATIENCE_S) -> None:
+    """Rename a file to `path`, in place of what is there.
+
+    Windows refuses while another process has either of them open, such as a virus scanner: tried again for so long.
+    """
+    give_up = time.monotonic() + patience_s
+    while True:
+        try:
+            temporary.replace(path)
+            return
+        except PermissionError:
+            if time.monotonic() >= give_up:
+                raise
+            time.sleep(0.05)
+
+
 @contextmanager
-def atomic_write(path: Path, mode: str = "w") -> Iterator[IO]:
+def atomic_write(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
     """Open a temporary neighbour of `path`; on success it replaces `path`, on any error it is removed.
 
     Text is UTF-8; what cannot be encoded (file names of other encodings) is written as an escape.
@@ -58,13 +85,18 @@ def atomic_write(path: Path, mode: str = "w") -> Iterator[IO]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(path.parent)
-        text = {} if "b" in mode else {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
-        with temporary.open(mode, **text) as file:
+        with _opened(temporary, mode) as file:
             yield file
             file.flush()
-        temporary.replace(path)
+        replace(temporary, path)
     except OSError as error:
         raise MiniloopError(f"cannot write {path}: {error.strerror or error}; free some space or choose -o") from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _opened(path: Path, mode: str) -> IO[Any]:
+    if "b" in mode:
+        return path.open(mode)
+    return path.open(mode, encoding="utf-8", errors="backslashreplace", newline="\n")

@@ -14,7 +14,9 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.code_version import code_version
 from miniloop_cli.runtime.parallel import single_inner_threads
 
-Shared, Item, Result = TypeVar("Shared"), TypeVar("Item"), TypeVar("Result")
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
 REPLACED_S = 30  # a worker that died is started again by its nanny, or by whoever watches it, within seconds
@@ -38,7 +40,7 @@ class Cluster:
         the rest of the items, to whoever is there within REPLACED_S. `function` must be importable there.
         Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
 
         items, done, sends = list(items), 0, SENDS
         with _told_in_one_line(self.client.scheduler.address):
@@ -67,7 +69,7 @@ class Cluster:
 
     def _holding(self, package: list[Any]) -> AbstractContextManager:
         """joblib's dask backend, with `package` on every worker. Raises CommClosedError where one dies meanwhile."""
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
         from joblib import parallel_config
 
         try:
@@ -83,12 +85,9 @@ def _work(function: Callable[[Shared, Item], Result], package: list[Shared], bat
 
 @contextmanager
 def _told_in_one_line(address: str) -> Iterator[None]:
-    """What dask raises for lost connections and workers, as a MiniloopError; its own log lines are held back."""
+    """What dask raises for lost connections and workers, as a MiniloopError."""
     from distributed import KilledWorker
 
-    for name in list(logging.root.manager.loggerDict):
-        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).disabled = True
     try:
         yield
     except KilledWorker as error:
@@ -118,14 +117,28 @@ def connected(address: str) -> Iterator[Cluster]:
             f"--cluster {address}: no scheduler answers within {ANSWER_S} s ({why}); start one with `dask scheduler` "
             "and give the address that it prints"
         ) from error
-    with client:
+    with _without_log_lines(), client:
         _check_workers(client, address)
         yield Cluster(client)
 
 
+@contextmanager
+def _without_log_lines() -> Iterator[None]:
+    """What dask logs of lost connections and workers is held back: one line of our own says it."""
+    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in ("distributed", "tornado", "asyncio")]
+    held = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in held:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in held:
+            logger.disabled = False
+
+
 def _greet(address: str) -> None:
     """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     async def greet() -> None:
         comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)

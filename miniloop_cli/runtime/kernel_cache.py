@@ -1,7 +1,8 @@
 """Where compiled kernels are kept: in a folder of their own for each state of the sources.
 
 numba looks whether the file of a kernel has changed, not the files of what is inlined into it: after an upgrade, a
-kernel would go on with the old code of its helpers.
+kernel would go on with the old code of its helpers. runtime.kernels gives this folder to the kernels of this package
+only, so numba's own settings stay as they are.
 """
 
 from __future__ import annotations
@@ -12,47 +13,68 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.runtime.cache_folder import cache_folder
+
 PACKAGE = Path(__file__).parents[1]
+WORDS = b"njit", b"numba"  # one of them is in every source that is compiled
 DAY_S = 86400.0
 
 
-def keep_compiled() -> None:
-    """Name the folder for numba, where the user has not; called before numba is imported.
+def kernels_folder(package: Path = PACKAGE) -> Path | None:
+    """The folder for kernels compiled from the sources as they are; None where no place can be written.
 
-    Beside the sources, else in the user's cache or `$MINILOOP_CACHE`, else, for a read-only installation that is run by
-    a user without a home, a private one that lasts as long as this process: numba unpickles what lies there, so nobody
-    else may write to it.
+    In `$NUMBA_CACHE_DIR` where the user has set it, else beside the sources, else in the user's cache. numba unpickles
+    what lies there, so nobody else may write to it. The folder may not exist yet.
     """
-    if os.environ.get("NUMBA_CACHE_DIR"):
+    place = next(filter(writable, _places(package)), None)
+    return place and place / "kernels" / sources_hash(package)
+
+
+def _places(package: Path) -> Iterator[Path]:
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(chosen)
         return
-    beside, own = PACKAGE / "__pycache__", os.environ.get("MINILOOP_CACHE")
-    home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111 (may be unknown)
-    places = [beside, home / "miniloop", *([Path(own)] if own else [])]
-    place = next(filter(writable, places), None)
-    if place is None:
-        place = Path(tempfile.mkdtemp(prefix="miniloop-"))
-        atexit.register(shutil.rmtree, place, ignore_errors=True)
-    folder = place / "kernels" / sources_hash(PACKAGE)
-    if place == beside and not folder.exists():
-        _forget_old(folder.parent)
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    yield package / "__pycache__"
+    with suppress(MiniloopError):
+        yield cache_folder()
 
 
-def _forget_old(folder: Path) -> None:
-    """Remove what belongs to earlier sources; a process that began with them may still be at work for a day."""
-    with suppress(OSError):  # another process may do the same
-        for old in folder.iterdir():
-            if time.time() - old.stat().st_mtime > DAY_S:
-                shutil.rmtree(old, ignore_errors=True)
+def prepare_kernels_folder(package: Path = PACKAGE) -> None:
+    """For the command line: remove kernels of earlier sources, and find a place for those of this run.
+
+    Where nothing can be written, kernels are kept in a private folder as long as this process lasts, so that the
+    process that compiles ahead can hand them over.
+    """
+    forget_old_kernels(package)
+    if not any(map(writable, _places(package))):
+        private = tempfile.mkdtemp(prefix="miniloop-")
+        atexit.register(shutil.rmtree, private, ignore_errors=True)
+        os.environ["NUMBA_CACHE_DIR"] = private
 
 
+def forget_old_kernels(package: Path = PACKAGE) -> None:
+    """Remove kernels of earlier sources beside the sources; who began with them may still be at work for a day."""
+    kept = package / "__pycache__" / "kernels"
+    with suppress(OSError):  # there are none, they are not ours to remove, or another process removes them
+        folders = list(kept.iterdir())
+        if len(folders) < 2:
+            return
+        for folder in folders:
+            if folder.name != sources_hash(package) and time.time() - folder.stat().st_mtime > DAY_S:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+@cache
 def sources_hash(package: Path) -> str:
-    """Hash of the sources that are compiled."""
+    """Hash of the sources that are compiled, as they are when it is first asked for."""
     sources = (path.read_bytes() for path in sorted(package.rglob("*.py")))
-    return hashlib.sha256(b"".join(source for source in sources if b"numba" in source)).hexdigest()[:16]
+    return hashlib.sha256(b"".join(text for text in sources if any(word in text for word in WORDS))).hexdigest()[:16]
 
 
 def writable(folder: Path) -> bool:

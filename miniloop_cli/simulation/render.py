@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Floats32
 
 NOTHING = -1

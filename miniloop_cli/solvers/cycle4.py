@@ -19,8 +19,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     Motion,

@@ -26,8 +26,8 @@ Source: own derivation.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     Motion,

@@ -9,8 +9,7 @@ is a better axis. Filtered: coincident points, a third match on the axis.
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, aligned, frame_through, off_axis, unit, write_edge
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.typing import Floats, Ints

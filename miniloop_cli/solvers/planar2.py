@@ -7,8 +7,7 @@ from squaring is an artefact.) Filtered: matches one above the other.
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
 from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single

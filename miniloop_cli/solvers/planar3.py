@@ -10,8 +10,7 @@ Filtered: a match right above another in the same scan (no arm), arms out of rea
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
 from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single

@@ -12,8 +12,7 @@ Filtered: closing matches one above the other, t_2 or t_3 vertical (no link), ar
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
 from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
 from miniloop_cli.solvers.batch import run_batch, run_single

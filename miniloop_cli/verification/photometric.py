@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.features.thumbnail import COLUMNS
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.thumbnail import View
 from miniloop_cli.typing import Floats, Floats32
 

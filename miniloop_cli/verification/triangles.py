@@ -7,10 +7,10 @@ so without drift: what is asked of an edge does not depend on the size of the gr
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from miniloop_cli.averaging.voting import Near, agree, directed
 from miniloop_cli.geometry.pose_rows import compose, invert, load
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Bools, Floats, Ints
 

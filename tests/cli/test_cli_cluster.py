@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import os
 import socket
 import subprocess
@@ -80,6 +81,7 @@ def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
     with connected(dask.address) as cluster:
         work = Workers(cluster=cluster).spread(cluster_work.die_once, tmp_path / "died", range(60), "squaring", 60)
         assert list(work) == [item**2 for item in range(60)]
+    assert not logging.getLogger("distributed.client").disabled, "its log lines are held back for a while only"
     assert (tmp_path / "died").exists()
     assert sum(process.poll() is None for process in dask.workers) == 1
 

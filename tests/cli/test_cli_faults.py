@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from miniloop_cli.runtime.folder_lock import exclusive
 
 # Root may write everywhere; without these capabilities it is held to the same permissions as anybody.
 LIKE_ANYBODY = ("setpriv", "--bounding-set", "-dac_override,-dac_read_search", "--inh-caps", "-all")
+posix = pytest.mark.skipif(os.name != "posix", reason="permissions, signals and numbers of processes as POSIX has them")
 
 
 @pytest.fixture
@@ -75,6 +77,7 @@ def test_a_simulation_on_a_full_disk_leaves_nothing(tmp_path, small_disk):
     assert list(disk.iterdir()) == []
 
 
+@posix
 def test_no_permission_to_write(registered, recording, tmp_path):
     prefix = LIKE_ANYBODY if os.geteuid() == 0 else ()
     if prefix and not shutil.which(prefix[0]):
@@ -103,7 +106,7 @@ def test_no_permission_to_write(registered, recording, tmp_path):
         path.chmod(0o755)
 
 
-@pytest.mark.skipif(os.uname().sysname != "Linux", reason="needs /proc; RLIMIT_AS is not heeded elsewhere")
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc; RLIMIT_AS is not heeded elsewhere")
 @pytest.mark.parametrize("more_mb", [40, 200])
 def test_too_little_memory_is_said_and_more_of_it_continues(recording, registered, tmp_path, more_mb):
     """Limited once the libraries are loaded: while they are, some of them end the process by themselves."""
@@ -130,6 +133,7 @@ def test_too_little_memory_is_said_and_more_of_it_continues(recording, registere
     assert differing(output, registered.folder) == []
 
 
+@posix
 def test_a_helper_that_dies_is_not_missed(registered, recording, tmp_path):
     """The process that compiles ahead is killed as soon as it is there."""
     script = (
@@ -211,6 +215,7 @@ def test_the_lock_of_a_dead_process_does_not_stay(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@posix
 def test_leftovers_of_dead_processes_go_and_those_of_living_ones_stay(tmp_path):
     dead, alive = 2**31 - 1, os.getppid()
     gone = tmp_path / f".cloud.ply.miniloop-{HOST}-{dead}.tmp"

@@ -1,7 +1,6 @@
 """Help, completion, colours: the manners of the command line."""
 
 import os
-import pty
 import re
 import shutil
 import subprocess
@@ -91,7 +90,7 @@ def test_the_tab_key(words, expected, tmp_path):
 
 def on_a_terminal(*arguments, **variables):
     """What a command writes to a terminal."""
-    ours, theirs = pty.openpty()
+    ours, theirs = pytest.importorskip("pty").openpty()
     process = subprocess.Popen(
         command(*arguments), stdout=theirs, stderr=theirs, env=environment(TERM="xterm-256color", **variables)
     )

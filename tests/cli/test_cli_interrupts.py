@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM end in one line and status 130, wherever they arrive."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.signals import uninterrupted
 
 INTERRUPTED = "miniloop: interrupted; finished work is kept, the same command continues"
+sent = pytest.mark.skipif(os.name != "posix", reason="a process is ended, not interrupted, by what others send it")
 MADE_OF_IT = [  # by compiled code, the definition of a class and a failed import; the last is told as our own
     SystemError("CPUDispatcher(<function conjugate_gradients>) returned a result with an exception set"),
     RuntimeError("Error calling __set_name__ on '_axis_method_wrapper' instance"),
@@ -22,6 +24,7 @@ MADE_OF_IT = [  # by compiled code, the definition of a class and a failed impor
 ]
 
 
+@sent
 def test_interrupted_while_threads_are_at_work(recording, tmp_path):
     """The interpreter used to stop them in the middle of compiled code, which aborted the process (status 134)."""
     line = command("register", recording, "-o", tmp_path / "out", "-q", "-j", 4)
@@ -101,6 +104,7 @@ LOADING = """
 """
 
 
+@sent
 @pytest.mark.parametrize(
     "body",
     [CALLBACK, CAUGHT, TIDYING, GIVING_BACK, LOADING],
@@ -124,20 +128,20 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "came back\n", INTERRUPTED)
 
 
+@sent
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, number):
     """Open3D that is interrupted while it is loaded ended the process with status 1, whatever was to be its status."""
     body = f"""
         import os, signal, sys, threading
         from miniloop_cli.export.mesh import import_open3d
-        from miniloop_cli.runtime.signals import install_handlers, stop_repeating
-        install_handlers()
-        threading.Timer(0.02, os.kill, (os.getpid(), {int(number)})).start()
+        from miniloop_cli.runtime.signals import heeded_interrupts
         try:
-            import_open3d()
-            threading.Event().wait(20)
+            with heeded_interrupts():
+                threading.Timer(0.02, os.kill, (os.getpid(), {int(number)})).start()
+                import_open3d()
+                threading.Event().wait(20)
         except KeyboardInterrupt:
-            stop_repeating()
             sys.exit(130 if "open3d" in sys.modules else 2)
     """
     done = subprocess.run(
@@ -160,3 +164,49 @@ def test_an_interrupt_that_waits_is_not_lost_where_the_block_fails():
     finally:
         signal.signal(signal.SIGINT, before)
     assert str(caught.value.__context__) == "went on until here"
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("register",)], ids=["done", "wrong usage"])
+def test_the_launcher_leaves_handlers_as_it_found_them(arguments):
+    before = signal_state()
+    launch(*arguments)
+    assert signal_state() == before
+
+
+def signal_state():
+    """Handlers of all signals that a program may handle, the alarm, and what is done with errors that are forgotten."""
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    alarm = signal.getitimer(signal.ITIMER_REAL) if hasattr(signal, "getitimer") else None
+    return handlers, alarm, sys.unraisablehook
+
+
+WITHOUT_ALARM = """
+    import signal, sys, time
+    for name in ("SIGALRM", "setitimer", "ITIMER_REAL"):  # as on Windows
+        vars(signal).pop(name, None)
+    from miniloop_cli.runtime.signals import heeded_interrupts, uninterrupted
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    for number in (signal.SIGINT, signal.SIGTERM):
+        try:
+            with heeded_interrupts():
+                try:
+                    with uninterrupted():
+                        signal.raise_signal(number)
+                        print("went on")
+                finally:
+                    print("tidied up")
+        except KeyboardInterrupt:
+            print("interrupted")
+    assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    from miniloop_cli.cli.main import main
+    main(["--version"])
+"""
+
+
+def test_a_system_without_an_alarm():
+    """An interrupt there comes once."""
+    line = [*command()[:1], "-c", dedent(WITHOUT_ALARM)]
+    done = subprocess.run(line, capture_output=True, text=True, env=environment(), check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[:6] == ["went on", "tidied up", "interrupted"] * 2
+    assert done.stdout.splitlines()[6].startswith("miniloop, version")

@@ -1,5 +1,6 @@
 """Compiled kernels are those of the sources that are there."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -9,10 +10,10 @@ from pathlib import Path
 import pytest
 from command_line import ROOT
 
-from miniloop_cli.runtime import kernel_cache as compiled
+from miniloop_cli.runtime import kernel_cache
 
-ADD = "from numba import njit\n\n\n@njit(cache=True)\ndef add(a, b):\n    return a {} b\n"
-CALL = """from numba import njit
+ADD = "from miniloop_cli.runtime.kernels import njit\n\n\n@njit(cache=True)\ndef add(a, b):\n    return a {} b\n"
+CALL = """from miniloop_cli.runtime.kernels import njit
 
 from miniloop_cli.add import add
 
@@ -21,29 +22,33 @@ from miniloop_cli.add import add
 def call():
     return add(5, 2)
 """
+NEEDED = (
+    "errors.py",
+    "runtime/__init__.py",
+    "runtime/cache_folder.py",
+    "runtime/kernel_cache.py",
+    "runtime/kernels.py",
+)
 
 
 @pytest.fixture
 def package(tmp_path):
     """A package with one kernel that calls another one, of another file."""
     folder = tmp_path / "miniloop_cli"
-    folder.mkdir()
-    (folder / "runtime").mkdir()
-    (folder / "runtime" / "__init__.py").touch()
-    shutil.copy(ROOT / "miniloop_cli" / "runtime" / "kernel_cache.py", folder / "runtime")
-    (folder / "__init__.py").write_text(
-        "from miniloop_cli.runtime.kernel_cache import keep_compiled\n\nkeep_compiled()\n"
-    )
+    (folder / "runtime").mkdir(parents=True)
+    for name in NEEDED:
+        shutil.copy(ROOT / "miniloop_cli" / name, folder / name)
+    (folder / "__init__.py").touch()
     (folder / "add.py").write_text(ADD.format("+"))
     (folder / "call.py").write_text(CALL)
     return folder
 
 
-def called(package, **variables):
-    """What the kernel returns, and the folders of compiled kernels after it."""
+def called(package, prepare="", **variables):
+    """What the kernel returns, and the folder of its compiled code."""
     env = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"} | variables
     env["PYTHONDONTWRITEBYTECODE"] = "1"  # Python's own does not see a change of the same length in the same second
-    code = "import os; from miniloop_cli.call import call; print(call(), os.environ['NUMBA_CACHE_DIR'])"
+    code = f"{prepare}\nfrom miniloop_cli.call import call; print(call(), call.stats.cache_path)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=package.parent, env=env, capture_output=True, text=True, check=False
     )
@@ -64,12 +69,18 @@ def test_a_kernel_never_goes_on_with_an_old_helper(package):
     assert set(first.parent.iterdir()) == {first, second}, "others may be at work with the first"
 
 
-def test_kernels_of_old_sources_go(package):
+def test_the_command_line_removes_kernels_of_old_sources(package):
+    prepare = "from miniloop_cli.runtime.kernel_cache import prepare_kernels_folder; prepare_kernels_folder()"
     _, first = called(package)
-    os.utime(first, (0, 0))
     (package / "add.py").write_text(ADD.format("*"))
-    value, second = called(package)
+    value, second = called(package, prepare)
     assert value == 10
+    assert set(first.parent.iterdir()) == {first, second}
+    os.utime(first, (0, 0))
+    os.utime(second, (0, 0))
+    assert called(package) == (10, second)
+    assert first.exists(), "a library removes nothing"
+    assert called(package, prepare) == (10, second)
     assert list(first.parent.iterdir()) == [second]
 
 
@@ -79,27 +90,84 @@ def test_other_sources_compile_nothing_again(package):
     assert called(package) == (7, first)
 
 
+def test_kernels_of_others_are_kept_where_they_were(package):
+    """numba's settings are not touched, and an own kernel has no part in them."""
+    (package / "other.py").write_text("import numba\n\n\n@numba.njit(cache=True)\ndef other():\n    return 1\n")
+    code = (
+        "import numba\nbefore = dict(vars(numba.config)), list(numba.core.caching.CacheImpl._locator_classes)\n"
+        "import miniloop_cli.call; miniloop_cli.call.call()\n"
+        "assert before == (vars(numba.config), numba.core.caching.CacheImpl._locator_classes)\n"
+        "from miniloop_cli.other import other; print(other.stats.cache_path)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=package.parent, capture_output=True, text=True, check=True,
+        env={key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"},
+    )  # fmt: skip
+    assert Path(done.stdout.strip()) == package / "__pycache__"
+
+
 def test_the_users_folder_is_taken(package, tmp_path):
-    assert called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine")) == (7, tmp_path / "mine")
-    assert list((tmp_path / "mine").rglob("*.nbc"))
+    """It is as safe there from old helpers."""
+    value, folder = called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine"))
+    assert value == 7
+    assert folder.is_relative_to(tmp_path / "mine")
+    assert list(folder.glob("*.nbc"))
+    (package / "add.py").write_text(ADD.format("-"))
+    assert called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine"))[0] == 3
 
 
 @pytest.mark.parametrize(
-    ("refused", "place"),
-    [((), "__pycache__"), (("__pycache__",), "home/miniloop"), (("__pycache__", "miniloop"), "own"), (None, "")],
-    ids=["beside the sources", "read-only installation", "and no home", "nothing can be written"],
+    ("closed", "place"),
+    [((), "__pycache__"), (("__pycache__",), "cache"), (("__pycache__", "cache"), None)],
+    ids=["beside the sources", "read-only installation", "nothing can be written"],
 )
-def test_places(tmp_path, monkeypatch, refused, place):
-    """A container sets XDG_CACHE_HOME, whose volume outlives an upgrade."""
-    monkeypatch.setattr(compiled, "writable", lambda folder: refused is not None and folder.name not in refused)
-    monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "own"))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
-    compiled.keep_compiled()
-    found = Path(os.environ["NUMBA_CACHE_DIR"])
-    assert found.name == compiled.sources_hash(tmp_path)
-    if place:
-        assert found.parent == tmp_path / place / "kernels"
-    else:
-        assert found.parents[1].is_dir(), "a folder of this process"
+def test_places(tmp_path, monkeypatch, closed, place):
+    """Files stand where folders should be made: what nobody may write to, root included."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
+    for name in closed:
+        (tmp_path / name).touch()
+    found = kernel_cache.kernels_folder(tmp_path)
+    assert found == (place and tmp_path / place / "kernels" / kernel_cache.sources_hash(tmp_path))
+
+
+def test_without_any_place_a_kernel_is_compiled_and_a_command_keeps_it_for_its_own_time(package, tmp_path):
+    (tmp_path / "cache").touch()
+    (package / "__pycache__").touch()
+    variables = {"MINILOOP_CACHE": str(tmp_path / "cache"), "TMPDIR": str(tmp_path), "TEMP": str(tmp_path)}
+    assert called(package, **variables) == (7, Path("None"))
+    prepare = "from miniloop_cli.runtime.kernel_cache import prepare_kernels_folder; prepare_kernels_folder()"
+    value, folder = called(package, prepare, **variables)
+    assert value == 7
+    assert folder.is_relative_to(tmp_path)
+    assert not folder.exists()
+    assert not list(tmp_path.glob("miniloop-*"))
+
+
+def test_every_source_that_is_compiled_is_in_the_hash():
+    """A constant or a function that a kernel takes from another module: that module's source is in the hash, too."""
+    package = ROOT / "miniloop_cli"
+    hashed = {
+        path: ast.parse(text)
+        for path in package.rglob("*.py")
+        if any(word in (text := path.read_bytes()) for word in kernel_cache.WORDS)
+    }
+    assert len(hashed) > 40
+    missing = []
+    for path, tree in hashed.items():
+        kernels = [
+            node
+            for node in tree.body
+            if isinstance(node, ast.FunctionDef) and any("njit" in ast.unparse(one) for one in node.decorator_list)
+        ]
+        lines = [line for kernel in kernels for line in kernel.body]  # types in the heads are not compiled
+        used = {name.id for line in lines for name in ast.walk(line) if isinstance(name, ast.Name)}
+        for node in tree.body:
+            if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("miniloop_cli"):
+                continue
+            for alias in node.names:
+                if (alias.asname or alias.name) in used:
+                    parent = ROOT.joinpath(*node.module.split("."))
+                    source = parent / f"{alias.name}.py" if parent.is_dir() else parent.with_suffix(".py")
+                    missing += [(path.name, node.module, alias.name)] if source not in hashed else []
+    assert missing == []

@@ -1,7 +1,6 @@
 """Progress: a bar on a terminal, nothing in a pipe or with -q, and then nothing loaded for it either."""
 
 import os
-import pty
 import subprocess
 import sys
 
@@ -16,7 +15,7 @@ print(sum(track(range(30), "counting", 30, quiet="-q" in sys.argv)), "rich" in s
 
 def _run(on_terminal: bool, *arguments: str) -> tuple[str, str]:
     """What the count says, and what stderr shows."""
-    reading, writing = pty.openpty() if on_terminal else os.pipe()
+    reading, writing = pytest.importorskip("pty").openpty() if on_terminal else os.pipe()
     command = [sys.executable, "-c", COUNTING, *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=writing, text=True, check=True, timeout=120)
     os.set_blocking(reading, False)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("resource", reason="needs POSIX")
 sys.path.append(str(Path(__file__).parent))
 import fuzz
 import kills

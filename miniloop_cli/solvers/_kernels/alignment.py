@@ -14,8 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 Motion = tuple[float, ...]

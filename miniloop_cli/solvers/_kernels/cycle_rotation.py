@@ -5,8 +5,7 @@ The edges form a ring: edge e joins scan e to scan e+1 and edge 4, the closing o
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS
 from miniloop_cli.typing import Floats
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, TINY, unit
 from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL
 from miniloop_cli.typing import Floats

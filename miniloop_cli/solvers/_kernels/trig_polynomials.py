@@ -5,8 +5,7 @@ The elimination of the 5-cycle is ordinary algebra with them; a product of two h
 
 from __future__ import annotations
 
-from numba import njit
-
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, Point
 from miniloop_cli.typing import Floats
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, axis_frame, write_edge
 from miniloop_cli.solvers.batch import run_batch, run_single
 from miniloop_cli.solvers.long_cycles.six_revolute import EXACT, MAX_SOLUTIONS, set_link, solve_chain

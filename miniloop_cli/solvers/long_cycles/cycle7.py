@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers import pairwise
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, Motion, axis_frame, write_edge
 from miniloop_cli.solvers.batch import run_batch, run_single

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS, Motion, joint
 from miniloop_cli.solvers.long_cycles.six_revolute_closure import close, closing_error
 from miniloop_cli.solvers.long_cycles.six_revolute_equations import axis_equations, reduce_equations, well_posed

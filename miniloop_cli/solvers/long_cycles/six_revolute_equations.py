@@ -16,8 +16,8 @@ whose coefficients are linear in (cos a3, sin a3).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS
 from miniloop_cli.typing import Floats
 

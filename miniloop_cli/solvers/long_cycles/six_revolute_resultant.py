@@ -11,8 +11,8 @@ substitution of a3 is made, so 180 degrees is no special case.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import OPTIONS
 from miniloop_cli.typing import Floats
 
