@@ -13,7 +13,7 @@ from miniloop_cli.bench.averaging import errors
 from miniloop_cli.bench.false_edges import KINDS, Solution, Solve, TrueGraph, with_false_edges
 from miniloop_cli.bench.view_graphs import ViewGraph
 from miniloop_cli.config import Averaging
-from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.edge import REJECTED, Edge
@@ -94,7 +94,7 @@ def _measured(graph: TrueGraph, edges: Sequence[Edge], false: Bools, solve: Solv
             "rot_err_deg_mean"
         ]
         if np.isfinite(T[scans, :3, 3]).all():
-            moved = umeyama(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
+            moved = align_points(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
             row["ate_cm"] = 100 * float(np.sqrt(((moved - T_true[:, :3, 3]) ** 2).sum(axis=1).mean()))
     if judged is not None:
         kept = np.array([edge.verdict != REJECTED for edge in judged])

@@ -66,6 +66,6 @@ def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: 
 
 def complete_layout(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Layouts of recordings that begin so."""
-    from miniloop_cli.datasets import LAYOUTS
+    from miniloop_cli.datasets import known_layouts
 
-    return [CompletionItem(name) for name in LAYOUTS if name.startswith(incomplete)]
+    return [CompletionItem(name) for name in known_layouts() if name.startswith(incomplete)]

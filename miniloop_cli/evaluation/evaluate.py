@@ -9,7 +9,7 @@ import numpy as np
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.errors import consecutive_pairs, pairs_apart, relative_errors, statistics
-from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
@@ -81,7 +81,7 @@ def evaluate(
             f"{len(stamps)} of {len(known)} poses have ground truth (stamps {span(trajectory)} against "
             f"{span(ground_truth)}); at least 3 are needed: is it the ground truth of this sequence?"
         )
-    alignment = umeyama(T_est[:, :3, 3], T_true[:, :3, 3], protocol.alignment == "Sim3")
+    alignment = align_points(T_est[:, :3, 3], T_true[:, :3, 3], protocol.alignment == "Sim3")
     T_aligned = alignment.poses(T_est)
     ate = statistics(np.linalg.norm(T_aligned[:, :3, 3] - T_true[:, :3, 3], axis=1))
     shared = {"association": protocol.association, "max_diff_s": protocol.max_diff_s, "max_gap_s": protocol.max_gap_s}

@@ -12,7 +12,7 @@ from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
-from miniloop_cli.runtime.artifact_store import Arrays, Store, file_fingerprint, fingerprint
+from miniloop_cli.runtime.artifact_store import Arrays, Store, fingerprint
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
@@ -77,7 +77,7 @@ def make(how: tuple[Sequence, Settings], index: int) -> Arrays | str:
 
 def _key(sequence: Sequence, index: int, settings: Settings) -> str:
     frame = sequence.frames[index]
-    files = [file_fingerprint(path) for path in (frame.color_path, frame.depth_path, frame.mask_path) if path]
+    files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
     camera = asdict(sequence.camera) | {"source": ""}  # how the camera was found does not change a feature
     how = [settings.features.model_dump(), settings.depth.model_dump(), camera, asdict(sequence.depth_format)]
     return fingerprint("features", files, how)
