@@ -24,7 +24,7 @@ NOTE = (
 
 
 def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
-    """transforms.json, with paths relative to `folder` to the recording's own images where they are files; cloud.ply."""
+    """transforms.json, with paths from `folder` to the recording's own images where they are files; cloud.ply."""
     sequence = model.recording
     camera = sequence.camera
     k1, k2, p1, p2, k3 = camera.distortion

@@ -10,6 +10,7 @@ import numpy as np
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
+from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
 from miniloop_cli.runtime.artifact_store import Arrays, Store, fingerprint
@@ -79,5 +80,6 @@ def _key(sequence: Sequence, index: int, settings: Settings) -> str:
     frame = sequence.frames[index]
     files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
     camera = asdict(sequence.camera) | {"source": ""}  # how the camera was found does not change a feature
-    how = [settings.features.model_dump(), settings.depth.model_dump(), camera, asdict(sequence.depth_format)]
+    version = FEATURE_TYPES[settings.features.type].version
+    how = [settings.features.model_dump(), version, settings.depth.model_dump(), camera, asdict(sequence.depth_format)]
     return fingerprint("features", files, how)

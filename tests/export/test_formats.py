@@ -177,7 +177,7 @@ def test_another_recording_is_refused(run, tmp_path):
     for kind in ("rgb", "depth"):
         (other / kind).mkdir(parents=True)
         for frame in run.model.sequence.frames[:3]:
-            path = getattr(frame, f"{'color' if kind == 'rgb' else 'depth'}_path")
+            path = (frame.color if kind == "rgb" else frame.depth).path
             (other / kind / f"{frame.timestamp_s + 7:.6f}.png").write_bytes(path.read_bytes())
     (other / "camera.yaml").write_bytes((run.sequence / "camera.yaml").read_bytes())
     with pytest.raises(InputError, match="another recording"):
