@@ -35,7 +35,9 @@ def open_sequence(
     """
     root = Path(path).absolute()
     children = _children(root)
-    name = layout or _recognised(root, children)
+    name = layout or recognise(root)
+    if name is None:
+        raise InputError(_why_unknown(root, children))
     sequence = find_layout(name).open(root, Path(camera_path) if camera_path else None)
     sequence = replace(sequence, layout=name)
     _check_size(sequence)
@@ -57,38 +59,35 @@ def _children(root: Path) -> list[Path]:
         raise InputError(f"cannot open {shown(root)}: {error}") from error
 
 
-def _recognised(root: Path, children: list[Path]) -> str:
-    """The name of the first layout that takes `root` for its own. Raises InputError if none does."""
-    layouts = load_layouts()
+def recognise(root: Path) -> str | None:
+    """The name of the first layout that takes `root` for its own, None if none does. Raises InputError."""
     try:
-        if name := _first_match(layouts, root):
-            return name
-        folders = [child for child in children if child.is_dir()][:LOOKED_INTO]
-        inner = next((child for child in folders if _first_match(layouts, child)), None)
+        return _first_match(load_layouts(), root)
     except OSError as error:
         raise InputError(f"cannot look into {shown(root)}: {error.strerror or error}") from error
+
+
+def _why_unknown(root: Path, children: list[Path]) -> str:
     if not root.is_dir():
-        raise InputError(f"{shown(root)} is not a folder, and no layout known here reads such a file")
+        return f"{shown(root)} is not a folder, and no layout known here reads such a file"
     if not children:
-        raise InputError(f"{shown(root)} is empty")
-    if inner:
-        raise InputError(f"{shown(root)} is not a recording itself; did you mean {shown(inner)}?")
-    raise InputError(f"{shown(root)} has no layout known here ({', '.join(known_layouts())}); see docs/recordings.md")
+        return f"{shown(root)} is empty"
+    folders = [child for child in children if child.is_dir()][:LOOKED_INTO]
+    if inner := next((child for child in folders if recognise(child)), None):
+        return f"{shown(root)} is not a recording itself; did you mean {shown(inner)}?"
+    return f"{shown(root)} has no layout known here ({', '.join(known_layouts())}); see docs/recordings.md"
 
 
 def _first_match(layouts: dict[str, Layout], root: Path) -> str | None:
-    """The first layout that matches; a plug-in that fails at it is named, and taken out."""
-    for name, layout in list(layouts.items()):
+    for name, layout in layouts.items():
         try:
             if layout.matches(root):
                 return name
         except Exception as error:
             if name in BUILT_IN:
                 raise
-            LOG.warning(
-                "layout '%s' cannot look at %s (%s: %s); it is left out", name, shown(root), type(error).__name__, error
-            )
-            del layouts[name]
+            reason = f"{type(error).__name__}: {error}"
+            LOG.warning("layout '%s' cannot look at %s and is left out (%s)", name, shown(root), reason)
     return None
 
 

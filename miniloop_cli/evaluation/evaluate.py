@@ -91,13 +91,13 @@ def evaluate(
         "consecutive": (consecutive_pairs(len(stamps)), "1 frame"),
         "seconds": (pairs_apart(stamps, protocol.delta_s), f"{protocol.delta_s:g} s +- 10 %"),
     }
-    rpe = {}
+    rpe: dict[str, dict[str, Any]] = {}
     for name, (rows, delta) in pairs.items():
         rot_deg, trans_m = relative_errors(T_aligned, T_true, rows)
         rpe[name] = {f"rot_deg_{key}": value for key, value in statistics(rot_deg).items()}
         rpe[name] |= {f"trans_m_{key}": value for key, value in statistics(trans_m).items()}
         rpe[name] |= {"pairs": len(rows), "protocol": {"delta": delta, "alignment": protocol.alignment} | shared}
-    numbers = {f"ate_{key}_m": ate[key] for key in ("rmse", "mean", "median", "max")}
+    numbers: dict[str, Any] = {f"ate_{key}_m": ate[key] for key in ("rmse", "mean", "median", "max")}
     numbers |= {"poses": len(known), "poses_with_ground_truth": len(stamps), "scale": alignment.scale, "rpe": rpe}
     deltas = {name: delta for name, (_, delta) in pairs.items()}
     numbers["protocol"] = {"alignment": protocol.alignment, "delta": deltas} | shared

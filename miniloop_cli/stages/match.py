@@ -75,9 +75,8 @@ def comparer(
 
     def compare(pairs: Sequence[Pair]) -> Matches:
         if matching.pairs == "auto":
-            ratio2 = matching.ratio ** (
-                1 if FEATURE_TYPES[kind].descriptors.binary else 2
-            )  # of counts of bits, or of squared distances
+            binary = FEATURE_TYPES[kind].descriptors.binary
+            ratio2 = matching.ratio ** (1 if binary else 2)  # of counts of bits, or of squared distances
             return match_quickly(sketches(), points, pairs, matching, ratio2, workers)
         return match_fully(exact(), pairs, matching, workers)
 
