@@ -69,6 +69,7 @@ def decode(data: bytes) -> NDArray[Any]:
         _open(io.BytesIO(data))[0].verify()  # checksums, which decoding leaves out
         if image.mode in ("I;16", "L"):
             return np.array(image)
+        image.info.pop("transparency", None)  # what is transparent has a colour too; Pillow would warn about it
         return np.array(image.convert("RGB"))
     except Exception as error:  # what a decoder makes of damaged data is not ours to foresee
         if out_of_memory(error):
