@@ -12,12 +12,13 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.image_source import ImageHeader, ImageSource
+from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
 
 Shape = tuple[int, ...]
 DEPTH_TYPE = (16, 1)  # bits, channels
+DEPTH_MUST_BE = "depth must be a 16-bit 1-channel PNG"
 MAX_ASPECT_DIFFERENCE = 0.02  # of depth of lower resolution against colour
 
 
@@ -31,10 +32,9 @@ def read_color(source: ImageSource) -> Bytes:
 
 def read_depth(source: ImageSource) -> NDArray[np.uint16]:
     """(h, w) uint16 as stored. Raises InputError (reason only) for anything but one channel of 16 bits."""
-    _require_depth_type(source.header())
     stored = source.read()
     if stored.dtype != np.uint16 or stored.ndim != 2:
-        raise InputError("depth did not decode to one 16-bit channel")
+        raise InputError(f"{DEPTH_MUST_BE}, this is a {source.header()}")
     return stored
 
 
@@ -84,7 +84,8 @@ def check_headers(sequence: Sequence, index: int) -> None:
     frame = sequence.frames[index]
     color, depth = frame.color.header(), frame.depth.header()
     require_color_size((color.height, color.width), sequence.camera)
-    _require_depth_type(depth)
+    if (depth.bits, depth.channels) != DEPTH_TYPE:
+        raise InputError(f"{DEPTH_MUST_BE}, this is a {depth}")
     if not sequence.depth_format.resample:
         _require_registered((depth.height, depth.width), (color.height, color.width))
 
@@ -101,11 +102,6 @@ def require_color_size(shape: Shape, camera: Camera) -> None:
     """Raises InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
     if shape[:2] != (camera.height, camera.width):
         raise InputError(f"colour is {_size(shape)}, the camera {camera.width} x {camera.height} ({camera.source})")
-
-
-def _require_depth_type(header: ImageHeader) -> None:
-    if (header.bits, header.channels) != DEPTH_TYPE:
-        raise InputError(f"depth must be a 16-bit 1-channel PNG, this is a {header}")
 
 
 def _require_registered(depth: Shape, color: Shape) -> None:
