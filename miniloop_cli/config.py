@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from miniloop_cli.feature_types import FEATURE_TYPES
 
 
 class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OneOf:
+    """Marks a string as one of the names in a table that may grow, where a Literal would repeat it."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.names = names
+
+    def check(self, value: str) -> str:
+        """The value. Raises pydantic's error for one that is not among the names."""
+        if value not in self.names:
+            *others, last = map(repr, self.names)
+            raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return handler(schema) | {"enum": list(self.names)}
+
+
+def choices(field: FieldInfo) -> tuple[Any, ...]:
+    """The values that a setting may have, where it has a fixed choice; else none."""
+    named = [item for item in field.metadata if isinstance(item, OneOf)]
+    return tuple(named[0].names) if named else get_args(field.annotation)
 
 
 class Depth(Section):
@@ -24,9 +55,7 @@ class Depth(Section):
 class Features(Section):
     """What is detected in the colour images."""
 
-    type: Literal["rootsift", "sift", "orb", "surf", "akaze", "brisk"] = Field(
-        "rootsift", description="Detector and descriptor."
-    )
+    type: Annotated[str, OneOf(FEATURE_TYPES)] = Field("rootsift", description="Detector and descriptor.")
     count: int = Field(3000, ge=16, description="Strongest features kept in a scan.")
     contrast: float = Field(
         0.02, gt=0, description="SIFT: contrast threshold; lower finds more in dim or plain images."

@@ -14,7 +14,8 @@ from benchmarks.experiments.view_graphs import ViewGraph, view_graph
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench import Row
-from miniloop_cli.geometry.se3 import project_so3, rotation_angle_deg
+from miniloop_cli.geometry.procrustes import align_rotations
+from miniloop_cli.geometry.se3 import rotation_angle_deg
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
@@ -92,7 +93,7 @@ def errors(graph: ViewGraph, R_world_cam: Floats, t_world_cam: Floats | None) ->
     R_align = np.eye(3)
     angle = np.full(len(true), 1.0)
     for _ in range(10):  # Weiszfeld's iterations: the rotation that most scans agree on
-        R_align = project_so3(np.einsum("nab,ncb,n->ac", true, R_world_cam, 1 / np.maximum(angle, 0.1)))
+        R_align = align_rotations(R_world_cam, true, 1 / np.maximum(angle, 0.1))
         angle = rotation_angle_deg(np.swapaxes(true, 1, 2) @ (R_align @ R_world_cam))
     row: Row = {"rot_err_deg_median": float(np.median(angle)), "rot_err_deg_mean": float(angle.mean())}
     if t_world_cam is None:

@@ -16,7 +16,7 @@ from benchmarks.experiments.view_graphs import ViewGraph
 from miniloop_cli.api import simulate
 from miniloop_cli.bench import Row
 from miniloop_cli.config import Averaging
-from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import REJECTED, Edge
@@ -115,7 +115,7 @@ def _measured(graph: TrueGraph, edges: Sequence[Edge], false: Bools, solve: Solv
         truth = ViewGraph(T_true, np.empty((0, 2), np.int64), T_true, false)
         row["rot_deg"] = errors(truth, T[scans, :3, :3], None)["rot_err_deg_mean"]
         if np.isfinite(T[scans, :3, 3]).all():
-            moved = umeyama(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
+            moved = align_points(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
             row["ate_cm"] = 100 * float(np.sqrt(((moved - T_true[:, :3, 3]) ** 2).sum(axis=1).mean()))
     if judged is not None:
         kept = np.array([edge.verdict != REJECTED for edge in judged])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.procrustes import align_rotations
 from miniloop_cli.typing import Floats
 
 
@@ -14,7 +15,7 @@ def aligned_errors(T_est: Floats, T_true: Floats) -> tuple[Floats, Floats]:
     Orientations decide the rotation, so that this is defined for two poses, for a camera that only turns, and for one
     that stands still, where an alignment on positions is not.
     """
-    R = se3.project_so3(np.einsum("nab,ncb->ac", T_true[:, :3, :3], T_est[:, :3, :3]))
+    R = align_rotations(T_est[:, :3, :3], T_true[:, :3, :3])
     moved = T_est[:, :3, 3] @ R.T
     offset = T_true[:, :3, 3] - moved
     turned = np.swapaxes(T_true[:, :3, :3], 1, 2) @ (R @ T_est[:, :3, :3])

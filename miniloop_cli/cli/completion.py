@@ -52,20 +52,19 @@ def complete_key(ctx: click.Context, param: click.Parameter, incomplete: str) ->
 
 def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """`key=`, or once the key is whole, `key=value` for settings with a fixed choice."""
-    from typing import get_args
-
+    from miniloop_cli.config import choices
     from miniloop_cli.presets import keys
 
     key, equals, begun = incomplete.partition("=")
     if not equals:
         return [CompletionItem(f"{item.value}=", help=item.help) for item in complete_key(ctx, param, key)]
     field = keys().get(key)
-    choices = get_args(field.annotation) if field else ()
-    return [CompletionItem(f"{key}={choice}") for choice in map(str, choices) if choice.startswith(begun)]
+    named = map(str, choices(field)) if field else ()
+    return [CompletionItem(f"{key}={choice}") for choice in named if choice.startswith(begun)]
 
 
 def complete_layout(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Layouts of recordings that begin so."""
-    from miniloop_cli.datasets import LAYOUTS
+    from miniloop_cli.datasets import known_layouts
 
-    return [CompletionItem(name) for name in LAYOUTS if name.startswith(incomplete)]
+    return [CompletionItem(name) for name in known_layouts() if name.startswith(incomplete)]

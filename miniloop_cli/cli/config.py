@@ -98,11 +98,10 @@ def explanation(key: str, field: FieldInfo) -> str:
 
 def allowed(field: FieldInfo) -> str:
     """What a setting may be, in words: its choices, or its type and range."""
-    from typing import get_args
+    from miniloop_cli.config import choices
 
-    choices = get_args(field.annotation)
-    if choices:
-        return ", ".join(as_yaml(choice) for choice in choices)
+    if named := choices(field):
+        return ", ".join(map(as_yaml, named))
     words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
     limits = [
         f"{text} {getattr(item, name):g}"

@@ -27,7 +27,7 @@ FORMATS = {
 
 recording = click.option(
     "--sequence",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(exists=True, path_type=Path),
     metavar="SEQ",
     help="The recording that was registered [default: where it was then].",
 )

@@ -10,13 +10,13 @@ import click
 
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
+from miniloop_cli.feature_types import FEATURE_TYPES
 
 if TYPE_CHECKING:
     from miniloop_cli.scene.registration import Registration
 
 LOG = logging.getLogger("miniloop")
 MOST_REASONS = 8  # that the summary shows
-FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 
 
 @click.command(context_settings=CONTEXT, short_help="Poses and one model from a recording.")
@@ -30,7 +30,7 @@ FEATURES = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
     shell_complete=options.complete("complete_preset"),
     help="default, paper, fast, accurate, or a YAML file.",
 )
-@click.option("--features", type=click.Choice(FEATURES), help="Detector and descriptor.")
+@click.option("--features", type=click.Choice(list(FEATURE_TYPES)), help="Detector and descriptor.")
 @click.option(
     "--pairs",
     metavar="MODE|FILE",

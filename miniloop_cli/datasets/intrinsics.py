@@ -59,11 +59,10 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
         if isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value):
             raise ConfigError(f"{where}: {key} must be a finite number")
     _check_ranges(values, where)
-    lens = tuple(float(values.get(key, 0.0)) for key in DISTORTION)
-    pinhole = (float(values[key]) for key in REQUIRED[:4])
-    return Camera(
-        *pinhole, int(values["width"]), int(values["height"]), float(values["depth_scale"]), lens, source=source
-    )
+    fx, fy, cx, cy = (float(values[key]) for key in REQUIRED[:4])
+    k1, k2, p1, p2, k3 = (float(values.get(key, 0.0)) for key in DISTORTION)
+    width, height, scale = int(values["width"]), int(values["height"]), float(values["depth_scale"])
+    return Camera(fx, fy, cx, cy, width, height, scale, (k1, k2, p1, p2, k3), source=source)
 
 
 def _moderate(value: float) -> bool:

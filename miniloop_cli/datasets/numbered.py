@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.datasets.association import MAX_STAMP_S
+from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.intrinsics import load_camera
 from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, list_images, read_bytes, read_lines, shown
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Frame, Trajectory
 from miniloop_cli.typing import Floats
 
 RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
 MAX_JSON_BYTES = 64 << 20
-OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes x right, y up, z backward, as phones have them
 
 
 def frame_number(name: str) -> int | None:
@@ -42,8 +43,15 @@ def numbered_files(
     return files
 
 
+def numbered_images(
+    root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES, rate_hz: float = RATE_HZ
+) -> dict[int, ImageFile]:
+    """The image files of a sub-folder by frame number, as `numbered_files`."""
+    return {number: ImageFile(path) for number, path in numbered_files(root, folder, suffixes, rate_hz).items()}
+
+
 def pair_by_number(
-    root: Path, color: Mapping[int, Path], depth: Mapping[int, Path], rate_hz: float = RATE_HZ
+    root: Path, color: Mapping[int, ImageSource], depth: Mapping[int, ImageSource], rate_hz: float = RATE_HZ
 ) -> tuple[tuple[Frame, ...], tuple[str, ...], tuple[int, int]]:
     """Frames that have both images, with stamps of `rate_hz` frames a second, notes, and how many images there were.
 

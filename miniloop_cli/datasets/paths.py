@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from miniloop_cli.errors import InputError, printable
 
@@ -16,10 +19,12 @@ def shown(path: Path | str) -> str:
     return printable(os.fspath(path), 300)
 
 
-def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES, first: int | None = None) -> bytes:
-    """The content of an ordinary file of at most `limit` bytes, or only its `first` bytes.
+@contextmanager
+def open_file(path: Path, limit: int = MAX_TABLE_BYTES) -> Iterator[BinaryIO]:
+    """An ordinary file of at most `limit` bytes, open for reading.
 
-    Raises InputError for a missing, unreadable, oversized or special file (a pipe would block for ever).
+    Raises InputError for a missing, unreadable, oversized or special file (a pipe would block for ever), also where
+    reading fails later on.
     """
     try:
         if not path.is_file():
@@ -28,9 +33,15 @@ def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES, first: int | None = Non
         if (size := path.stat().st_size) > limit:
             raise InputError(f"{shown(path)} has {size / 2**20:.0f} MB, more than the {limit / 2**20:g} MB allowed")
         with path.open("rb") as file:
-            return file.read() if first is None else file.read(first)
+            yield file
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"cannot read {shown(path)}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES) -> bytes:
+    """The content of an ordinary file of at most `limit` bytes. Raises InputError as `open_file`."""
+    with open_file(path, limit) as file:
+        return file.read()
 
 
 def read_lines(path: Path) -> list[tuple[int, str]]:

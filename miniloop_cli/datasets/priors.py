@@ -25,7 +25,7 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
     up = T = None
     if gravity is not None:
         up = verticals(*read_accelerometer(gravity), stamps)
-        _require(np.isfinite(up).all(axis=1), gravity, "readings")
+        _require(np.asarray(np.isfinite(up).all(axis=1)), gravity, "readings")
     if poses is not None:
         T, near = associate(stamps, read_trajectory(poses))
         T = np.where(near[:, None, None], T, np.nan)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.open import open_sequence
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError, MiniloopError
@@ -41,7 +41,7 @@ def write_subset(source: Path, target: Path, count: int) -> None:
             (temporary / kind).mkdir(parents=True)
             rows = []
             for frame in frames:
-                path = frame.color_path if kind == "rgb" else frame.depth_path
+                path = Path((frame.color if kind == "rgb" else frame.depth).name)
                 stamp = frame.timestamp_s if kind == "rgb" else frame.depth_timestamp_s
                 shutil.copyfile(path, temporary / kind / path.name)
                 rows.append(f"{stamp:.6f} {kind}/{path.name}\n")

@@ -9,7 +9,7 @@ import numpy as np
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.errors import consecutive_pairs, pairs_apart, relative_errors, statistics
-from miniloop_cli.geometry.alignment import umeyama
+from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
@@ -81,7 +81,7 @@ def evaluate(
             f"{len(stamps)} of {len(known)} poses have ground truth (stamps {span(trajectory)} against "
             f"{span(ground_truth)}); at least 3 are needed: is it the ground truth of this sequence?"
         )
-    alignment = umeyama(T_est[:, :3, 3], T_true[:, :3, 3], protocol.alignment == "Sim3")
+    alignment = align_points(T_est[:, :3, 3], T_true[:, :3, 3], protocol.alignment == "Sim3")
     T_aligned = alignment.poses(T_est)
     ate = statistics(np.linalg.norm(T_aligned[:, :3, 3] - T_true[:, :3, 3], axis=1))
     shared = {"association": protocol.association, "max_diff_s": protocol.max_diff_s, "max_gap_s": protocol.max_gap_s}
@@ -91,13 +91,13 @@ def evaluate(
         "consecutive": (consecutive_pairs(len(stamps)), "1 frame"),
         "seconds": (pairs_apart(stamps, protocol.delta_s), f"{protocol.delta_s:g} s +- 10 %"),
     }
-    rpe = {}
+    rpe: dict[str, dict[str, Any]] = {}
     for name, (rows, delta) in pairs.items():
         rot_deg, trans_m = relative_errors(T_aligned, T_true, rows)
         rpe[name] = {f"rot_deg_{key}": value for key, value in statistics(rot_deg).items()}
         rpe[name] |= {f"trans_m_{key}": value for key, value in statistics(trans_m).items()}
         rpe[name] |= {"pairs": len(rows), "protocol": {"delta": delta, "alignment": protocol.alignment} | shared}
-    numbers = {f"ate_{key}_m": ate[key] for key in ("rmse", "mean", "median", "max")}
+    numbers: dict[str, Any] = {f"ate_{key}_m": ate[key] for key in ("rmse", "mean", "median", "max")}
     numbers |= {"poses": len(known), "poses_with_ground_truth": len(stamps), "scale": alignment.scale, "rpe": rpe}
     deltas = {name: delta for name, (_, delta) in pairs.items()}
     numbers["protocol"] = {"alignment": protocol.alignment, "delta": deltas} | shared

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from miniloop_cli.datasets import read_scan
+from miniloop_cli.datasets import ImageFile, read_color, read_scan
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
+from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import DepthFormat, Sequence
 
-OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 NOTE = (
     "metres; transform_matrix is camera to world, camera axes x right, y up, z backward; pixel centres at halves; "
     "depth times depth_unit_scale_factor is metres (pass it to nerfstudio's data parser, whose default is 0.001)"
@@ -22,7 +24,7 @@ NOTE = (
 
 
 def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
-    """transforms.json, its paths relative to `folder` and leading to the recording's own images; and cloud.ply."""
+    """transforms.json, with paths from `folder` to the recording's own images where they are files; cloud.ply."""
     sequence = model.recording
     camera = sequence.camera
     k1, k2, p1, p2, k3 = camera.distortion
@@ -33,7 +35,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
 
     frames = [
         {
-            "file_path": relative(sequence.frames[k].color_path),
+            "file_path": relative(color_path(sequence, k, folder)),
             "depth_file_path": relative(depth_path(sequence, k, folder)),
             "timestamp": sequence.frames[k].timestamp_s,
             "transform_matrix": (T @ OPENGL_AXES).tolist(),
@@ -62,16 +64,28 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     return [write_json(folder / "transforms.json", data | {"frames": frames}), *clouds]
 
 
+def color_path(sequence: Sequence, k: int, folder: Path) -> Path:
+    """The recording's colour image of frame k where it is a file; else a copy in images/."""
+    source = sequence.frames[k].color
+    if isinstance(source, ImageFile):
+        return source.path
+    return write_png(folder / "images" / f"{k:06d}.png", read_color(source)[..., ::-1])
+
+
 def depth_path(sequence: Sequence, k: int, folder: Path) -> Path:
-    """The recording's depth image of frame k where any reader understands it; else a plain copy in depth/."""
+    """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
     frame = sequence.frames[k]
-    if sequence.depth_format == DepthFormat() and frame.mask_path is None:
-        return frame.depth_path
+    if isinstance(frame.depth, ImageFile) and sequence.depth_format == DepthFormat() and frame.mask is None:
+        return frame.depth.path
+    stored = np.rint(read_scan(sequence, k).depth_m * sequence.camera.depth_scale)
+    return write_png(folder / "depth" / f"{k:06d}.png", stored.astype(np.uint16))
+
+
+def write_png(path: Path, image: NDArray[Any]) -> Path:
+    """Write (h, w) or (h, w, 3) BGR pixels as a PNG file."""
     import cv2
 
-    path = folder / "depth" / f"{k:06d}.png"
-    stored = np.rint(read_scan(sequence, k).depth_m * sequence.camera.depth_scale)
-    _, data = cv2.imencode(".png", stored.astype(np.uint16))
+    _, data = cv2.imencode(".png", np.ascontiguousarray(image))
     with atomic_write(path, "wb") as file:
         file.write(data.tobytes())
     return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def write_kitti(model: Model, folder: Path) -> list[Path]:
 def write_numpy(model: Model, folder: Path) -> list[Path]:
     """poses.npz: everything as arrays, with the conventions as a string inside; loads without pickle."""
     path, graph = folder / "poses.npz", model.graph
-    arrays = {
+    arrays: dict[str, Any] = {
         "conventions": np.array(CONVENTIONS),
         "frames": graph.ids,
         "timestamps_s": model.trajectory.timestamps_s,

@@ -24,6 +24,7 @@ def undistorter(camera: Camera) -> Callable[[Scan], Scan]:
 
     def undistort(scan: Scan) -> Scan:
         color = cv2.remap(scan.color, *maps, cv2.INTER_LINEAR)
-        return Scan(color, cv2.remap(scan.depth_m, *maps, cv2.INTER_NEAREST))
+        depth_m = cv2.remap(scan.depth_m, *maps, cv2.INTER_NEAREST)
+        return Scan(np.asarray(color, np.uint8), np.asarray(depth_m, np.float32))
 
     return undistort

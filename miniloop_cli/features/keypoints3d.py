@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.config import Depth, Features
+from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.features.detect import detect
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.features import ScanFeatures
@@ -16,7 +17,7 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     """Detect, undistort and look up depth in one scan."""
     import cv2
 
-    gray = cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY)
+    gray = np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)
     hidden = 0.0 if scan.mask is None else scan.mask.mean()
     # About as many for the part of the image that is not hidden as there would be for all of it.
     found = detect(gray, features.type, int(np.ceil(features.count / max(1 - hidden, 0.1))), features.contrast)
@@ -25,17 +26,20 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     z_m = depth_at(scan.depth_m, found.px, depth)
     slope = depth_slope(scan.depth_m, found.px, z_m, depth)
     outline = on_outline(scan.depth_m, found.px, found.radius_px, z_m)
-    middle = found.px + blob_shift(found.radius_px, z_m, slope) if "sift" in features.type else found.px
-    columns = (found.px, camera.undistort(middle), z_m, slope, outline, found.descriptors)
+    blob = FEATURE_TYPES[features.type].blob
+    middle = found.px + blob_shift(found.radius_px, z_m, slope) if blob else found.px
     order = np.argsort(np.isnan(z_m), kind="stable")
-    return ScanFeatures(*(column[order] for column in columns))
+    px_ideal = camera.undistort(middle)
+    return ScanFeatures(
+        found.px[order], px_ideal[order], z_m[order], slope[order], outline[order], found.descriptors[order]
+    )
 
 
 def clear_of(mask: Bools, px: Floats, radius_px: Floats32) -> Bools:
     """Whether features at pixels (n, 2) keep their radius (n,) away from what a mask (h, w) hides: (n,)."""
     import cv2
 
-    away_px = cv2.distanceTransform(np.uint8(~mask), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    away_px = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     x, y = np.clip(np.rint(px).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
     return away_px[y, x] > radius_px
 

@@ -31,11 +31,12 @@ def make_view(scan: Scan, camera: Camera, depth: Depth) -> View:
         near[cell] = np.minimum.reduceat(np.where(z > 0, z, np.float32(np.inf)), start)
     near[far == 0] = 0
     one_surface = far - near <= EDGE * near
-    gray, near, far, one_surface = (array.reshape(shape) for array in (gray, near, far, one_surface))
+    gray, near, far = (array.reshape(shape) for array in (gray, near, far))
     square = np.ones((3, 3), np.uint8)
-    low = cv2.erode(np.where(near > 0, near, np.float32(1e9)), square)
-    high = cv2.dilate(far, square)
-    return View(gray, np.where(one_surface, 0.5 * (near + far), 0).astype(np.float32), np.where(high > 0, low, 0), high)
+    low = np.asarray(cv2.erode(np.where(near > 0, near, np.float32(1e9)), square), np.float32)
+    high = np.asarray(cv2.dilate(far, square), np.float32)
+    z_m = np.where(one_surface.reshape(shape), 0.5 * (near + far), 0).astype(np.float32)
+    return View(gray, z_m, np.where(high > 0, low, 0), high)
 
 
 @cache

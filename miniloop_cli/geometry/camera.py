@@ -45,20 +45,14 @@ class Camera:
     def undistort(self, px: Floats) -> Floats:
         """(n, 2) measured pixels to the (n, 2) pixels that an ideal pinhole camera of the same K would measure."""
         px = np.asarray(px, float).reshape(-1, 2)
-        if not any(self.distortion):
+        if not any(self.distortion) or not len(px):
             return px
-        k1, k2, p1, p2, k3 = self.distortion
-        focal, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
-        measured = (px - centre) / focal
-        ideal = measured.copy()
-        # Fixed point of the distortion model; OpenCV's five steps leave 0.1 px at the corners of a strong lens.
-        for _ in range(40):
-            x, y = ideal.T
-            r2 = x * x + y * y
-            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            tangential = np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], 1)
-            ideal = (measured - tangential) / radial[:, None]
-        return ideal * focal + centre
+        import cv2
+
+        # OpenCV's default of five steps leaves 0.1 px at the corners of a strong lens.
+        until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-12)
+        ideal = cv2.undistortImagePoints(px, self.K, np.array(self.distortion), arg1=until)
+        return np.asarray(ideal, float).reshape(-1, 2)
 
     def backproject(self, px_ideal: Floats, z_m: Floats) -> Floats:
         """(n, 2) undistorted pixels and (n,) depths along the optical axis (m) to (n, 3) points in the camera frame."""

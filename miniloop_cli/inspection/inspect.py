@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from miniloop_cli.datasets import read_ground_truth, read_scan
-from miniloop_cli.datasets.images import read_header
 from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.read import check_headers
 from miniloop_cli.errors import InputError
 from miniloop_cli.inspection import findings, registration
 from miniloop_cli.inspection.findings import Finding
@@ -66,19 +66,12 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
 
 def _broken_headers(sequence: Sequence) -> dict[int, str]:
     """Frames whose images are missing, of the wrong kind or of the wrong size, from the headers of all of them."""
-    size, broken = (sequence.camera.width, sequence.camera.height), {}
-    for index, frame in enumerate(sequence.frames):
+    broken = {}
+    for index in range(len(sequence.frames)):
         try:
-            color, depth = read_header(frame.color_path), read_header(frame.depth_path)
+            check_headers(sequence, index)
         except InputError as error:
             broken[index] = str(error)
-            continue
-        if (color.width, color.height) != size:
-            broken[index] = f"colour is a {color}, the camera is for {size[0]} x {size[1]}"
-        elif (depth.kind, depth.bits, depth.color_type) != ("PNG", 16, 0):
-            broken[index] = f"depth must be a 16-bit 1-channel PNG, this is a {depth}"
-        elif not sequence.depth_format.resample and (depth.width, depth.height) != size:
-            broken[index] = f"depth is a {depth}, the camera is for {size[0]} x {size[1]}"
     return broken
 
 

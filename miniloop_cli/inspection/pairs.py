@@ -125,4 +125,5 @@ def resection(pair: MatchedPair, camera: Camera) -> tuple[Floats, float, int]:
     )
     if not found or inliers is None:
         return np.eye(4), 0.0, int(known.sum())
-    return se3.pose(se3.exp_so3(w[:, 0]), t[:, 0]), len(inliers) / int(known.sum()), int(known.sum())
+    rotation, translation = np.asarray(w, float)[:, 0], np.asarray(t, float)[:, 0]
+    return se3.pose(se3.exp_so3(rotation), translation), len(inliers) / int(known.sum()), int(known.sum())

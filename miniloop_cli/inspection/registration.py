@@ -85,7 +85,8 @@ def halved(edges: Floats32) -> Floats32:
     """(h / 2, w / 2) means; a coarser image forgives more."""
     import cv2
 
-    return cv2.resize(edges, (edges.shape[1] // 2, edges.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    size = (edges.shape[1] // 2, edges.shape[0] // 2)
+    return np.asarray(cv2.resize(edges, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def enlarged(edges: Floats32, factor: float) -> Floats32:
@@ -94,7 +95,7 @@ def enlarged(edges: Floats32, factor: float) -> Floats32:
 
     h, w = edges.shape
     M = np.array([[factor, 0, (1 - factor) * (w - 1) / 2], [0, factor, (1 - factor) * (h - 1) / 2]])
-    return cv2.warpAffine(edges, M, (w, h), flags=cv2.INTER_LINEAR)
+    return np.asarray(cv2.warpAffine(edges, M, (w, h), flags=cv2.INTER_LINEAR), np.float32)
 
 
 @dataclass(frozen=True)

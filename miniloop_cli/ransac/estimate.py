@@ -10,7 +10,7 @@ import numpy as np
 from miniloop_cli.config import Ransac
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.geometry.procrustes import procrustes
+from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.ransac.local_refinement import edge_poses, refine_locally
 from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
 from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
@@ -124,7 +124,8 @@ def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypoth
         pose = se3.pose(pose34[:, :3], pose34[:, 3])
         near = np.linalg.norm(se3.transform(pose, edge.p) - edge.q, axis=1) < threshold_m
         if near.sum() >= 3:
-            pose = procrustes(edge.p[near], edge.q[near])
+            motion = align_points(edge.p[near], edge.q[near])
+            pose = se3.pose(motion.R, motion.t)
         distance2 = ((se3.transform(pose, edge.p) - edge.q) ** 2).sum(axis=1)
         variance = distance2[near].sum() / max(3 * near.sum() - 6, 1)
         information = _isotropic_information(se3.transform(pose, edge.p[near]), variance)

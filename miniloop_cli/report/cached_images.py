@@ -51,6 +51,6 @@ def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats,
 
     if max(i, j) >= len(sequence.frames):
         return None
-    files = [file_fingerprint(sequence.frames[k].color_path) for k in (i, j)]
+    files = [sequence.frames[k].color.fingerprint() for k in (i, j)]
     found = store.cached(PICTURES, ("edge", files, px_i, px_j), drawn)["jpeg"]
     return found if len(found) else None

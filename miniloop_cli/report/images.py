@@ -7,7 +7,7 @@ import base64
 import cv2
 import numpy as np
 
-from miniloop_cli.datasets.images import read_color
+from miniloop_cli.datasets import read_color
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
@@ -33,7 +33,7 @@ def data_uri(file: Bytes, kind: str = "jpeg") -> str:
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, float] | None:
     """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
     try:
-        color = read_color(sequence.frames[index].color_path)
+        color = read_color(sequence.frames[index].color)
     except (InputError, IndexError):
         return None
     scale = width / color.shape[1]

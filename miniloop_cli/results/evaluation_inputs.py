@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.datasets.open import recognise
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Protocol
@@ -40,8 +41,8 @@ def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Pr
 
 
 def ground_truth(path: Path) -> Trajectory:
-    """The trajectory at `path`: a file, a TUM folder's groundtruth.txt, or what another layout comes with."""
-    if path.is_file():
+    """The trajectory at `path`: a file, a TUM folder's groundtruth.txt, or what a recording of another layout has."""
+    if path.is_file() and recognise(path) is None:
         return read_trajectory(path)
     if (path / "groundtruth.txt").is_file():
         return read_trajectory(path / "groundtruth.txt")

@@ -6,17 +6,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One RGB-D frame on disk: the colour stamp names it (s)."""
+    """One RGB-D frame as it is stored: the colour stamp names it (s)."""
 
     timestamp_s: float
-    color_path: Path
-    depth_path: Path
-    mask_path: Path | None = None  # pixels to ignore, where the recording comes with masks
+    color: ImageSource
+    depth: ImageSource
+    mask: ImageSource | None = None  # pixels to ignore, where the recording comes with masks
     depth_timestamp_s: float | None = None  # where depth has stamps of its own
 
 
@@ -53,11 +54,11 @@ class Sequence:
     """An RGB-D recording. Frames are sorted by time; decoding happens in `read_scan`, one frame at a time."""
 
     name: str
-    root: Path
+    root: Path  # its folder, or the one file that holds all of it
     camera: Camera
     frames: tuple[Frame, ...]
     ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
     notes: tuple[str, ...] = field(default=())  # what the reader dropped or assumed, for the log and the report
-    layout: str = "tum"
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
+    layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in

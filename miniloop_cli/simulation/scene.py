@@ -42,10 +42,11 @@ class Scene:
         # Every level must be exactly half of the one before, or the texture slides over its surface with the distance.
         h, w = image.shape[:2]
         side = 1 << (LEVELS - 1)
-        levels = [cv2.copyMakeBorder(image, 0, -h % side, 0, -w % side, cv2.BORDER_REPLICATE)]
+        levels = [np.asarray(cv2.copyMakeBorder(image, 0, -h % side, 0, -w % side, cv2.BORDER_REPLICATE), np.uint8)]
         for _ in range(LEVELS - 1):
             h, w = levels[-1].shape[:2]
-            levels.append(cv2.resize(levels[-1], (w // 2, h // 2), interpolation=cv2.INTER_AREA))
+            half = cv2.resize(levels[-1], (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+            levels.append(np.asarray(half, np.uint8))
         self.pyramids.append(levels)
         self.texel_per_m.append(texel_per_m)
         return len(self.pyramids) - 1
@@ -70,7 +71,8 @@ class Scene:
 
     def add_sphere(self, centre_m: Floats, radius_m: float, image: Bytes) -> None:
         """Add a sphere; its texture is laid over longitude and latitude."""
-        self.sphere.append((*(float(v) for v in centre_m), radius_m))
+        x, y, z = map(float, centre_m)
+        self.sphere.append((x, y, z, radius_m))
         self.sphere_texture.append(self.add_texture(image, image.shape[1] / (2 * np.pi * radius_m)))
 
     def arrays(self) -> tuple[NDArray, ...]:

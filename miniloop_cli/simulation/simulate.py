@@ -69,7 +69,7 @@ def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[Floats,
     """
     _, path_rng, _, own = rng.spawn(4)
     path, step = _path(settings, path_rng), 1 / TRUTH_RATE_HZ
-    t = np.round(np.arange(0, frame_times_s(settings)[-1] + step, step), 6)
+    t = np.asarray(np.round(np.arange(0, frame_times_s(settings)[-1] + step, step), 6), float)
     T = path(t)
     velocity_change = path(t + step)[:, :3, 3] - 2 * T[:, :3, 3] + path(t - step)[:, :3, 3]
     force_world = velocity_change / step**2 + [0, 0, GRAVITY_M_S2]

@@ -66,7 +66,7 @@ def poster(height: int, width: int, rng: Generator) -> Bytes:
     cv2.putText(sheet, str(rng.choice(WORDS)).upper(), (width // 20, int(0.16 * height)), 0, title, ink, unit // 90 + 1)
     top, bottom, right = int(0.22 * height), int(0.55 * height), int(0.95 * width)
     picture = sheet[top:bottom, width // 20 : right]
-    picture[:] = surface(*picture.shape[:2], rng, 45, color(rng, 60, 200))
+    picture[:] = surface(picture.shape[0], picture.shape[1], rng, 45, color(rng, 60, 200))
     add_shapes(picture, 12, rng, max(unit // 6, 6))
     for y in np.arange(0.64, 0.97, 0.08) * height:
         line = " ".join(rng.choice(WORDS, 5))
@@ -92,6 +92,6 @@ def repeated(height: int, width: int, texel_per_m: float) -> Bytes:
     """The same tile of 0.5 m side everywhere, whatever the seed."""
     side = max(int(0.5 * texel_per_m), 16)
     rng = np.random.default_rng(0)
-    tile = surface(side, side, rng, 30, np.float32([150, 140, 120]))
+    tile = surface(side, side, rng, 30, np.array([150, 140, 120], np.float32))
     add_shapes(tile, 25, rng, max(side // 4, 6))
     return np.tile(tile, (height // side + 1, width // side + 1, 1))[:height, :width].copy()

@@ -117,4 +117,4 @@ def _write_png(path: Path, image: NDArray) -> None:
     done, data = cv2.imencode(".png", np.ascontiguousarray(image), [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         raise MiniloopError(f"cannot encode {shown(path)}")
-    path.write_bytes(data)
+    path.write_bytes(data.tobytes())

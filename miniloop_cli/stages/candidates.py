@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from miniloop_cli.config import Matching
 from miniloop_cli.datasets.pairs import read_pairs
 from miniloop_cli.errors import InputError
-from miniloop_cli.features.detect import BINARY, compact, comparable
+from miniloop_cli.feature_types import FEATURE_TYPES
+from miniloop_cli.features.detect import compact, comparable
 from miniloop_cli.features.lsh_match import Sketched, match_sketched, sketch
 from miniloop_cli.features.match import match
 from miniloop_cli.features.retrieval import image_vectors, similar_pairs
@@ -72,7 +73,8 @@ def comparer(scans: ScanSet, matching: Matching, workers: Workers) -> Callable[[
 
     def compare(pairs: Sequence[Pair]) -> Matches:
         if matching.pairs == "auto":
-            ratio2 = matching.ratio ** (1 if kind in BINARY else 2)  # of counts of bits, or of squared distances
+            binary = FEATURE_TYPES[kind].descriptors.binary
+            ratio2 = matching.ratio ** (1 if binary else 2)  # of counts of bits, or of squared distances
             return match_quickly(sketches(), scans.points, pairs, matching, ratio2, workers)
         return match_fully(exact(), pairs, matching, workers)
 

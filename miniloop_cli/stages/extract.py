@@ -9,9 +9,10 @@ import numpy as np
 from miniloop_cli.config import Depth, Features
 from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
+from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
-from miniloop_cli.runtime.artifact_store import Arrays, file_fingerprint, fingerprint
+from miniloop_cli.runtime.artifact_store import Arrays, fingerprint
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.scan_set import ScanSet
@@ -79,6 +80,7 @@ def extract_arrays(how: How, index: int) -> Arrays | str:
 def _key(how: How, index: int, run: Run) -> str:
     sequence, features, depth = how
     frame = sequence.frames[index]
-    files = [file_fingerprint(path) for path in (frame.color_path, frame.depth_path, frame.mask_path) if path]
+    files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
     camera = replace(sequence.camera, source="")  # how the camera was found does not change a feature
-    return run.store.key(FEATURES, (files, features, depth, camera, sequence.depth_format))
+    version = FEATURE_TYPES[features.type].version
+    return run.store.key(FEATURES, (files, features, version, depth, camera, sequence.depth_format))

@@ -15,6 +15,7 @@ from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.graph.visibility import in_view
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import ScanPoints
@@ -24,7 +25,6 @@ from miniloop_cli.typing import Bools, Floats, Pair
 NEIGHBOURS = 3  # frames after each frame that are compared whatever the poses say
 MIN_SHARE = 0.1  # of the points of a scan that must be in view of another
 SURE_INLIERS, MIN_SURE, MIN_AGREEING = 20, 5, 0.5
-OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def pairs_by_pose_prior(
@@ -89,9 +89,9 @@ def _require_agreement(edges: EdgeTable, T_world_cam: Floats, settings: PosePrio
     if len(sure) < MIN_SURE or not share < MIN_AGREEING:
         return
     others = {
-        "camera axes x right, y up, z backward (ARKit, OpenGL)": T_world_cam @ OPENGL,
+        "camera axes x right, y up, z backward (ARKit, OpenGL)": T_world_cam @ OPENGL_AXES,
         "poses world to camera": se3.inverse(T_world_cam),
-        "both": se3.inverse(OPENGL @ T_world_cam),
+        "both": se3.inverse(OPENGL_AXES @ T_world_cam),
     }
     best = max(others, key=lambda name: _agreeing(sure, others[name], settings))
     hint = f"they would agree as {best}; " if _agreeing(sure, others[best], settings) > MIN_AGREEING else ""

@@ -2,21 +2,22 @@
 
 import re
 import runpy
-import sys
 import types
-from typing import get_args
 
 import click
 import numpy as np
 import pytest
 from command_line import FRAMES, ROOT
+from plugin_package import install
 
-import miniloop_cli.datasets
 from benchmarks.__main__ import benchmarks
+from miniloop_cli.api import evaluate, register
 from miniloop_cli.bench.problems import random_problems
+from miniloop_cli.cli.config import allowed
 from miniloop_cli.cli.main import cli
-from miniloop_cli.cli.register import FEATURES
-from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.config import Settings
+from miniloop_cli.datasets import open_sequence, read_ground_truth, read_scan
+from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.presets import keys
 
 ROOTS = {"miniloop": cli, "python -m benchmarks": benchmarks}
@@ -76,34 +77,48 @@ def test_settings_page_is_up_to_date():
     assert (ROOT / "docs" / "settings.md").read_text(encoding="utf-8") == made, "run python docs/make_settings.py"
 
 
-def test_features_of_the_option_are_those_of_the_setting():
-    assert get_args(keys()["features.type"].annotation) == FEATURES
+def text_of(name):
+    """The block of extending.md that is marked so."""
+    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    return re.search(rf"<!-- test: {name} -->\n```\w+\n(.*?)```", text, re.DOTALL)[1]
 
 
 def block(name):
     """The Python block of extending.md that is marked so, as a module."""
-    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-    code = re.search(rf"<!-- test: {name} -->\n```python\n(.*?)```", text, re.DOTALL)[1]
     module = types.ModuleType(f"extending_{name}")
-    exec(compile(code, f"extending.md ({name})", "exec"), module.__dict__)
+    exec(compile(text_of(name), f"extending.md ({name})", "exec"), module.__dict__)
     return module
 
 
 def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "extending_layout", block("layout"))
-    monkeypatch.setattr(
-        miniloop_cli.datasets, "LAYOUTS", {"robot": "extending_layout"} | dict(miniloop_cli.datasets.LAYOUTS)
+    monkeypatch.syspath_prepend(
+        install(tmp_path / "site", text_of("layout package"), "robot_layout", text_of("layout"))
     )
+    room = tmp_path / "room"
+    room.mkdir()
     for old, new in (("rgb", "image"), ("depth", "range")):
         for k, path in enumerate(sorted((recording / old).glob("*.png"))):
-            (tmp_path / f"{new}-{k:04d}.png").write_bytes(path.read_bytes())
-    (tmp_path / "lens.txt").write_text("262.5 262.5 159.5 119.5 320 240\n")
-    sequence = open_sequence(tmp_path)
+            (room / f"{new}-{k:04d}.png").write_bytes(path.read_bytes())
+    (room / "lens.txt").write_text("262.5 262.5 159.5 119.5 320 240\n")
+    assert read_ground_truth(open_sequence(room)) is None
+    (room / "truth.txt").write_text("0 1 2 3 0 0 0 1\n")
+    sequence = open_sequence(room)
+    assert read_ground_truth(sequence).T_world_cam[0, :3, 3].tolist() == [1, 2, 3]
     assert (sequence.layout, len(sequence.frames), sequence.camera.source) == ("robot", FRAMES, "lens.txt")
     same = read_scan(open_sequence(recording), 3)
     scan = read_scan(sequence, 3)
     assert np.array_equal(scan.color, same.color)
     np.testing.assert_allclose(scan.depth_m, 5 * same.depth_m, rtol=1e-6)  # 5000 units a metre, read as 1000
+
+
+def test_the_feature_of_the_docs(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(FEATURE_TYPES, "kaze", None)  # and gone again after the test
+    block("feature")
+    assert allowed(keys()["features.type"]).endswith(", brisk, kaze")
+    assert Settings.model_json_schema()["$defs"]["Features"]["properties"]["type"]["enum"][-1] == "kaze"
+    run = register(recording, tmp_path / "out", overrides=("features.type=kaze",), jobs=1, quiet=True)
+    assert len(run.poses.registered) == FRAMES
+    assert evaluate(tmp_path / "out", recording).numbers["ate_rmse_m"] < 0.01
 
 
 def test_the_solver_of_the_docs():

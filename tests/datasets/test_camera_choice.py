@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.datasets.intrinsics import freiburg_family, load_camera, save_camera
-from miniloop_cli.datasets.tum import choose_camera
+from miniloop_cli.datasets.layouts.tum import choose_camera
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.geometry.camera import Camera
 

@@ -57,7 +57,7 @@ def test_fetches_once_and_cuts_a_subset(tmp_path, archive):
         [10.1, 10.3, 10.4]
     )  # round(linspace(0, 3, 3)) of the covered
     assert (cut / "groundtruth.txt").read_bytes() == (whole / "groundtruth.txt").read_bytes()
-    assert frames[1].color_path.read_bytes() == (whole / "rgb" / "10.300000.png").read_bytes()
+    assert frames[1].color.path.read_bytes() == (whole / "rgb" / "10.300000.png").read_bytes()
     archive.unlink()
     again = run(tmp_path, NAME, "--subset", "3")
     assert again.returncode == 0 and again.stderr.count("is there") == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from miniloop_cli.datasets import LAYOUTS, open_sequence, read_ground_truth, read_scan
+from miniloop_cli.datasets import known_layouts, open_sequence, read_ground_truth, read_scan
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
@@ -118,17 +118,16 @@ def test_given_camera_and_camera_yaml_overrule(tiny, sample, tmp_path):
 def test_missing_depth_image_drops_the_frame(tiny, sample):
     sample(tiny)
     frames = open_sequence(tiny.root).frames
-    frames[2].depth_path.unlink()
+    frames[2].depth.path.unlink()
     sequence = open_sequence(tiny.root)
     assert sequence.frames == (*frames[:2], frames[3])
     assert any("3 pairs from 4 colour and 3 depth" in note for note in sequence.notes)
 
 
 def test_every_layout_describes_itself():
-    import importlib
-
-    for module in map(importlib.import_module, LAYOUTS.values()):
-        assert module.DESCRIPTION and module.open_folder.__doc__ and module.ground_truth.__doc__
+    for entry in known_layouts().values():
+        layout = entry.load()
+        assert layout.__doc__ and layout.open.__doc__ and layout.ground_truth.__doc__
 
 
 def test_lower_resolution_depth_is_sampled_not_mixed(tiny):

@@ -12,11 +12,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.datasets import open_sequence, read_ground_truth, read_scan
-from miniloop_cli.datasets.images import JPEG_MAGIC, PNG_MAGIC, read_color, read_depth, read_header
+from miniloop_cli.datasets import ImageFile, open_sequence, read_color, read_depth, read_ground_truth, read_scan
 from miniloop_cli.datasets.intrinsics import load_camera
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import MiniloopError
+
+PNG_MAGIC, JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 
 fuzz = settings(
     max_examples=int(os.environ.get("MINILOOP_FUZZ", "100")),
@@ -83,7 +84,7 @@ def test_tables(tum, data, which):
     sequence = attempt(open_sequence, tum.root)
     if sequence:
         assert len(sequence.frames) and np.isfinite([f.timestamp_s for f in sequence.frames]).all()
-        assert all(Path(os.path.realpath(f.color_path)).is_relative_to(tum.root) for f in sequence.frames)
+        assert all(Path(os.path.realpath(f.color.path)).is_relative_to(tum.root) for f in sequence.frames)
         for index in range(len(sequence.frames)):
             attempt(read_scan, sequence, index)
         attempt(read_ground_truth, sequence)
@@ -124,8 +125,8 @@ image = st.one_of(png, st.binary(max_size=100), st.binary(max_size=100).map(lamb
 def test_images(tmp_path, data):
     path = tmp_path / "i.png"
     path.write_bytes(data)
-    for read in (read_header, read_color, read_depth):
-        attempt(read, path)
+    for read in (ImageFile.header, read_color, read_depth):
+        attempt(read, ImageFile(path))
 
 
 @fuzz
@@ -143,8 +144,8 @@ def test_damaged_images(tiny, data):
         content[start : start + data.draw(st.integers(0, 6))] = data.draw(st.binary(max_size=6))
     path = tiny.root / "damaged.bin"
     path.write_bytes(content)
-    for read in (read_header, read_color, read_depth):
-        attempt(read, path)
+    for read in (ImageFile.header, read_color, read_depth):
+        attempt(read, ImageFile(path))
 
 
 json_value = st.recursive(

@@ -39,7 +39,7 @@ def test_tables_may_be_messy(tum):
     tum.text("rgb.txt", messy)
     sequence = open_sequence(tum.root)
     assert [f.timestamp_s for f in sequence.frames] == pytest.approx([10, 10.1, 10.2, 10.3, 10.4])
-    assert all(f.color_path.exists() for f in sequence.frames if f.timestamp_s != 10.1)
+    assert all(f.color.path.exists() for f in sequence.frames if f.timestamp_s != 10.1)
     assert read_scan(sequence, 4).color.shape == (48, 64, 3)
 
 

@@ -11,7 +11,6 @@ from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.evaluation.errors import pairs_apart, relative_errors
 from miniloop_cli.evaluation.evaluate import Protocol, edge_rows, evaluate
 from miniloop_cli.geometry import se3
-from miniloop_cli.geometry.alignment import umeyama
 from miniloop_cli.results.folder import Results, newest_result, read_edge_list
 from miniloop_cli.scene.interpolation import associate, interpolate, nearest
 from miniloop_cli.scene.sequence import Trajectory
@@ -111,27 +110,6 @@ def test_errors_do_not_depend_on_the_world_frames(seed):
     for key, value in here.numbers["rpe"]["consecutive"].items():
         if key not in ("pairs", "protocol"):
             assert moved.numbers["rpe"]["consecutive"][key] == pytest.approx(value, abs=1e-5)
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 10_000), st.floats(0.01, 100))
-def test_umeyama_finds_the_similarity(seed, scale):
-    rng = np.random.default_rng(seed)
-    p, R, t = rng.normal(size=(10, 3)), se3.exp_so3(rng.normal(size=3)), rng.normal(size=3)
-    found = umeyama(p, scale * p @ R.T + t, with_scale=True)
-    assert found.scale == pytest.approx(scale, rel=1e-9)
-    np.testing.assert_allclose(found.R, R, atol=1e-9)
-    np.testing.assert_allclose(found.t, t, atol=1e-8 * max(1, scale))
-
-
-def test_umeyama_never_reflects():
-    p = np.random.default_rng(1).normal(size=(20, 3))
-    assert np.linalg.det(umeyama(p, p * [1, 1, -1]).R) == pytest.approx(1)
-
-
-def test_scale_of_a_resting_camera_is_refused():
-    with pytest.raises(MiniloopError, match="coincide"):
-        umeyama(np.zeros((5, 3)), np.ones((5, 3)), with_scale=True)
 
 
 def test_relative_error_known_answer():

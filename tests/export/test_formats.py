@@ -107,7 +107,7 @@ def test_colmap_images_show_what_the_ideal_camera_sees(run, tmp_path):
     """A square drawn where the lens puts a point is found where the exported pinhole camera puts it."""
     camera = run.model.sequence.camera
     ideal = np.array([[20.0, 20.0], [140.0, 100.0], [80.0, 15.0]])
-    path = run.model.sequence.frames[0].color_path
+    path = run.model.sequence.frames[0].color.path
     grid = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).reshape(-1, 2).astype(float)
     near = np.linalg.norm(camera.undistort(grid)[:, None] - ideal, axis=2).min(axis=1) < 2
     cv2.imwrite(str(path), np.where(near, 255, 0).astype(np.uint8).reshape(120, 160, 1).repeat(3, axis=2))
@@ -177,7 +177,7 @@ def test_another_recording_is_refused(run, tmp_path):
     for kind in ("rgb", "depth"):
         (other / kind).mkdir(parents=True)
         for frame in run.model.sequence.frames[:3]:
-            path = getattr(frame, f"{'color' if kind == 'rgb' else 'depth'}_path")
+            path = (frame.color if kind == "rgb" else frame.depth).path
             (other / kind / f"{frame.timestamp_s + 7:.6f}.png").write_bytes(path.read_bytes())
     (other / "camera.yaml").write_bytes((run.sequence / "camera.yaml").read_bytes())
     with pytest.raises(InputError, match="another recording"):

@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.features.detect import compact, comparable, detect
 from miniloop_cli.features.match import match
 
-KINDS = ("rootsift", "sift", "surf", "orb", "akaze", "brisk")
+KINDS = tuple(FEATURE_TYPES)
 
 
 @pytest.fixture(scope="module")

@@ -211,7 +211,7 @@ def test_objects_in_inliers_are_never_unpickled(run):
 
 def test_a_broken_image_leaves_out_its_pictures_only(run):
     for frame in run.sequence.frames[:3]:
-        frame.color_path.write_bytes(b"")
+        frame.color.path.write_bytes(b"")
     page = Page(written(run.results, run.sequence).read_text())
     assert 3 < page.count("img") < 12
 
@@ -246,7 +246,7 @@ def test_poses_far_from_the_ground_truth_did_not_simply_work(run):
 
 def test_what_inspection_finds_stands_in_the_report_of_a_run_that_went_badly(run):
     for frame in run.sequence.frames[:3]:
-        frame.depth_path.write_bytes(b"")
+        frame.depth.path.write_bytes(b"")
     page = Page(written(run.results, run.sequence).read_text())
     assert "What looks wrong with the recording" in page.text
     assert "3 of 8 frames cannot be used" in page.text and "copy or convert them again" in page.text

@@ -157,10 +157,10 @@ def recording_and_result(folder: Path) -> tuple[Path, Path]:
 def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
     from miniloop_cli.config import Matching
-    from miniloop_cli.datasets import open_sequence, read_ground_truth
-    from miniloop_cli.datasets.images import read_color, read_depth, read_header, read_mask
+    from miniloop_cli.datasets import ImageFile, open_sequence, read_color, read_depth, read_ground_truth
     from miniloop_cli.datasets.intrinsics import load_camera
     from miniloop_cli.datasets.priors import read_priors
+    from miniloop_cli.datasets.read import read_mask
     from miniloop_cli.datasets.trajectory import read_trajectory
     from miniloop_cli.presets import load_settings
     from miniloop_cli.results.folder import read_edge_list
@@ -178,7 +178,7 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
                 (room / name).write_bytes(data)
                 sequence = open_sequence(room)
                 base = os.path.realpath(room)
-                assert all(os.path.realpath(frame.color_path).startswith(base) for frame in sequence.frames)
+                assert all(os.path.realpath(frame.color.path).startswith(base) for frame in sequence.frames)
                 read_ground_truth(sequence)
             finally:
                 (room / name).write_bytes(sound)
@@ -201,15 +201,15 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
         "pose_prior": Target([poses], file(lambda path: read_priors(sequence, poses=path))),
         "pairs": Target(lists, file(lambda path: listed_pairs(5, str(path), Matching()))),
         "edge list": Target(lists, file(lambda path: read_edge_list(path, np.arange(5.0)))),
-        "mask": Target(images, file(read_mask)),
+        "mask": Target(images, file(lambda path: read_mask(ImageFile(path)))),
         "rgb.txt": Target(tables, sequence_with("rgb.txt")),
         "depth.txt": Target(tables, sequence_with("depth.txt")),
         "groundtruth.txt": Target([poses], file(read_trajectory)),
         "camera.yaml": Target([(room / "camera.yaml").read_bytes()], file(load_camera)),
         "settings": Target(configs, file(load_settings, "input.yaml")),
-        "colour": Target(images, file(read_color)),
-        "depth": Target(images, file(read_depth)),
-        "header": Target(images, file(read_header)),
+        "colour": Target(images, file(lambda path: read_color(ImageFile(path)))),
+        "depth": Target(images, file(lambda path: read_depth(ImageFile(path)))),
+        "header": Target(images, file(lambda path: ImageFile(path).header())),
     }
 
 

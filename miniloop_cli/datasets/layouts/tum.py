@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.association import MAX_DIFFERENCE_S, associate, read_table, stamped_images
+from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family, load_camera
 from miniloop_cli.datasets.paths import read_bytes, shown
 from miniloop_cli.datasets.trajectory import read_trajectory
@@ -14,48 +15,47 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Frame, Sequence, Trajectory
 
-DESCRIPTION = "TUM: rgb/ and depth/ (16-bit PNG, 5000 units a metre), with rgb.txt and depth.txt or stamps as names"
 
+class Tum:
+    """TUM: rgb/ and depth/ (16-bit PNG, 5000 units a metre), with rgb.txt and depth.txt or stamps as names."""
 
-def matches(root: Path) -> bool:
-    """Whether the folder looks like this layout."""
-    return all((root / f"{kind}.txt").exists() or (root / kind).is_dir() for kind in ("rgb", "depth"))
+    def matches(self, root: Path) -> bool:
+        """By the names of its tables and folders."""
+        return all((root / f"{kind}.txt").exists() or (root / kind).is_dir() for kind in ("rgb", "depth"))
 
+    def open(self, root: Path, camera_path: Path | None) -> Sequence:
+        """The sequence in `root`; nothing is decoded.
 
-def open_folder(root: Path, camera_path: Path | None = None) -> Sequence:
-    """The sequence in `root`; nothing is decoded.
+        Raises InputError for malformed tables, rows that lead outside the folder, and where no colour image has a
+        depth image within 20 ms.
+        """
+        (color, color_from), (depth, depth_from) = _images(root, "rgb"), _images(root, "depth")
+        color_s, depth_s = [t for t, _ in color], [t for t, _ in depth]
+        pairs = associate(color_s, depth_s)
+        if not len(pairs):
+            raise InputError(f"{shown(root)}: {_why_nothing(color_s, depth_s, color_from, depth_from)}")
+        frames = tuple(
+            Frame(color[i][0], ImageFile(color[i][1]), ImageFile(depth[j][1]), depth_timestamp_s=depth[j][0])
+            for i, j in pairs.tolist()
+        )
+        notes = []
+        if len(frames) < max(len(color), len(depth)):
+            within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
+            notes.append(f"{len(frames)} pairs {within} from {len(color)} colour and {len(depth)} depth images")
+        truth = root / "groundtruth.txt"
+        return Sequence(
+            root.name,
+            root,
+            choose_camera(root, camera_path),
+            frames,
+            ground_truth_path=truth if truth.exists() else None,
+            notes=tuple(notes),
+            available=(len(color), len(depth)),
+        )
 
-    Raises InputError for malformed tables, rows that lead outside the folder, and where no colour image has a
-    depth image within 20 ms.
-    """
-    (color, color_from), (depth, depth_from) = _images(root, "rgb"), _images(root, "depth")
-    color_s, depth_s = [t for t, _ in color], [t for t, _ in depth]
-    pairs = associate(color_s, depth_s)
-    if not len(pairs):
-        raise InputError(f"{shown(root)}: {_why_nothing(color_s, depth_s, color_from, depth_from)}")
-    frames = tuple(
-        Frame(color[i][0], color[i][1], depth[j][1], depth_timestamp_s=depth[j][0]) for i, j in pairs.tolist()
-    )
-    notes = []
-    if len(frames) < max(len(color), len(depth)):
-        within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
-        notes.append(f"{len(frames)} pairs {within} from {len(color)} colour and {len(depth)} depth images")
-    truth = root / "groundtruth.txt"
-    return Sequence(
-        root.name,
-        root,
-        choose_camera(root, camera_path),
-        frames,
-        ground_truth_path=truth if truth.exists() else None,
-        notes=tuple(notes),
-        layout="tum",
-        available=(len(color), len(depth)),
-    )
-
-
-def ground_truth(sequence: Sequence) -> Trajectory | None:
-    """The motion capture trajectory, where there is one."""
-    return read_trajectory(sequence.ground_truth_path) if sequence.ground_truth_path else None
+    def ground_truth(self, sequence: Sequence) -> Trajectory | None:
+        """The motion capture trajectory, where there is one."""
+        return read_trajectory(sequence.ground_truth_path) if sequence.ground_truth_path else None
 
 
 def choose_camera(root: Path, camera_path: Path | None) -> Camera:

@@ -1,0 +1,30 @@
+"""What a layout of recordings must be able to do, whether it is built in or a plug-in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from miniloop_cli.scene.sequence import Sequence, Trajectory
+
+
+@runtime_checkable
+class Layout(Protocol):
+    """How one tool writes its recordings; a class without arguments, named by an entry of `registry`.
+
+    Opening lists the frames and decodes nothing: a Frame holds image sources, which are read one at a time later on.
+    `ImageFile` is the source for image files; a layout whose frames lie inside a container (an archive, a video, a
+    bag) brings a source of its own, and its recording is never unpacked.
+    """
+
+    def matches(self, root: Path) -> bool:
+        """Whether the folder or file looks like this layout. It looks at names, or at a file's first bytes."""
+
+    def open(self, root: Path, camera_path: Path | None) -> Sequence:
+        """The recording at `root`, with the camera of the YAML file `camera_path` where one is given.
+
+        Raises InputError that says what is missing and what to do.
+        """
+
+    def ground_truth(self, sequence: Sequence) -> Trajectory | None:
+        """The reference poses that came with it, camera to world; None if there are none. Raises InputError."""

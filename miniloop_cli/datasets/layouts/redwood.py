@@ -1,0 +1,93 @@
+"""Open3D's recorder and Redwood's scans: color/ (or image/) and depth/ in millimetres, intrinsics as JSON."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.intrinsics import make_camera
+from miniloop_cli.datasets.numbered import (
+    RATE_HZ,
+    given_camera,
+    numbered_files,
+    numbered_images,
+    numbers,
+    pair_by_number,
+    read_json,
+    trajectory_of,
+    usable_pose,
+)
+from miniloop_cli.datasets.paths import read_lines, shown
+from miniloop_cli.errors import InputError
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Sequence, Trajectory
+
+COLOR = ("color", "image")
+INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "intrinsics.json", "camera.json")
+LOGS = ("trajectory.log", "odometry.log")
+
+
+class Redwood:
+    """Open3D, Redwood: color/ (or image/) and depth/ (16-bit PNG, millimetres), intrinsic.json, trajectory.log."""
+
+    def matches(self, root: Path) -> bool:
+        """By the names of its folders."""
+        return (root / "depth").is_dir() and _first(root, COLOR) is not None and not (root / "pose").is_dir()
+
+    def open(self, root: Path, camera_path: Path | None) -> Sequence:
+        """The sequence in `root`; images are paired by the first number in their names. Raises InputError."""
+        folder = _first(root, COLOR)
+        if folder is None:
+            raise InputError(f"{shown(root)}: no folder color/ or image/")
+        frames, notes, available = pair_by_number(
+            root, numbered_images(root, folder.name), numbered_images(root, "depth")
+        )
+        camera = given_camera(root, camera_path) or _camera(root)
+        return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, available)
+
+    def ground_truth(self, sequence: Sequence) -> Trajectory | None:
+        """Redwood's trajectory log: for each pose a line of three numbers and four rows of a matrix, camera to world.
+
+        The first of the three numbers counts the images of the folder from 0 on.
+        """
+        path, folder = sequence.ground_truth_path, _first(sequence.root, COLOR)
+        if path is None or folder is None:
+            return None
+        images = sorted(numbered_files(sequence.root, folder.name))
+        lines = read_lines(path)
+        poses = {}
+        for start in range(0, len(lines), 5):
+            where = f"{shown(path)}:{lines[start][0]}"
+            try:
+                rows = [[float(text) for text in line.split()] for _, line in lines[start : start + 5]]
+            except ValueError:
+                raise InputError(f"{where}: not numbers") from None
+            if [len(row) for row in rows] != [3, 4, 4, 4, 4] or not math.isfinite(rows[0][0]):
+                raise InputError(f"{where}: expected a line of 3 numbers and 4 rows of 4")
+            if 0 <= (k := int(rows[0][0])) < len(images):
+                poses[images[k] / RATE_HZ] = usable_pose(np.array(rows[1:]), where)
+        return trajectory_of(poses, shown(path))
+
+
+def _first(root: Path, names: tuple[str, ...]) -> Path | None:
+    return next((root / name for name in names if (root / name).exists()), None)
+
+
+def _camera(root: Path) -> Camera:
+    path = _first(root, INTRINSICS)
+    if path is None:
+        source = (
+            "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
+        )
+        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source)
+    data, where = read_json(path), shown(path)
+    columns = numbers(data.get("intrinsic_matrix"), 9, f"{where}: intrinsic_matrix")
+    values = {"fx": columns[0], "fy": columns[4], "cx": columns[6], "cy": columns[7], "depth_scale": 1000.0}
+    values |= {key: data[key] for key in ("width", "height", "depth_scale") if key in data}
+    return make_camera({key: _plain(v) for key, v in values.items()}, where, f"the sequence's own {path.name}")
+
+
+def _plain(value: object) -> object:
+    return float(value) if isinstance(value, np.floating) else value

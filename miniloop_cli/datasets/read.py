@@ -1,0 +1,128 @@
+"""Reading frames, one at a time: stored images become colour and depth in metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.registry import find_layout
+from miniloop_cli.errors import InputError
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.image_source import ImageSource
+from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
+from miniloop_cli.typing import Bools, Bytes
+
+Shape = tuple[int, ...]
+DEPTH_TYPE = (16, 1)  # bits, channels
+DEPTH_MUST_BE = "depth must be a 16-bit 1-channel PNG"
+MAX_ASPECT_DIFFERENCE = 0.02  # of depth of lower resolution against colour
+
+
+def read_color(source: ImageSource) -> Bytes:
+    """(h, w, 3) uint8 RGB; grey is repeated, of 16 bits the upper 8 are taken. Raises InputError (reason only)."""
+    stored = source.read()
+    if stored.dtype == np.uint16:
+        stored = (stored >> 8).astype(np.uint8)
+    return np.repeat(stored[..., None], 3, axis=2) if stored.ndim == 2 else stored
+
+
+def read_depth(source: ImageSource) -> NDArray[np.uint16]:
+    """(h, w) uint16 as stored. Raises InputError (reason only) for anything but one channel of 16 bits."""
+    stored = source.read()
+    if stored.dtype != np.uint16 or stored.ndim != 2:
+        raise InputError(f"{DEPTH_MUST_BE}, this is a {source.header()}")
+    return stored
+
+
+def read_mask(source: ImageSource) -> Bools:
+    """(h, w) bool: True = ignore, where any channel is not 0. Raises InputError (reason only)."""
+    return read_color(source).max(axis=2) > 0
+
+
+def read_scan(sequence: Sequence, index: int) -> Scan:
+    """Decode frame `index`: colour as stored, depth in metres on the pixels of colour, 0 where it is not usable.
+
+    Raises InputError naming frame and file for an image that is missing, broken, too large, or not what the
+    camera says; the rest of the sequence is not concerned.
+    """
+    frame, scale = sequence.frames[index], np.float32(sequence.camera.depth_scale)
+    source = frame.color
+    try:
+        color = read_color(source)
+        require_color_size(color.shape, sequence.camera)
+        source = frame.depth
+        stored = read_depth(source)
+        if sequence.depth_format.resample:
+            stored = _resampled(stored, color.shape)
+        else:
+            _require_registered(stored.shape, color.shape)
+        mask = None
+        if frame.mask:
+            source = frame.mask
+            mask = read_mask(source)
+            if mask.shape != color.shape[:2]:
+                raise InputError(f"the mask is {_size(mask.shape)}, colour {_size(color.shape)}")
+    except InputError as error:
+        raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
+    depth_m = stored.astype(np.float32) / scale
+    if sequence.depth_format.no_reading is not None:
+        depth_m[stored == sequence.depth_format.no_reading] = 0
+    if mask is not None:
+        depth_m[mask] = 0
+    return Scan(color, depth_m, mask)
+
+
+def check_headers(sequence: Sequence, index: int) -> None:
+    """Whether the images of frame `index` are there, of the right types and sizes, by their headers alone.
+
+    Raises InputError (reason only) where `read_scan` would refuse the frame for it.
+    """
+    frame = sequence.frames[index]
+    color, depth = frame.color.header(), frame.depth.header()
+    require_color_size((color.height, color.width), sequence.camera)
+    if (depth.bits, depth.channels) != DEPTH_TYPE:
+        raise InputError(f"{DEPTH_MUST_BE}, this is a {depth}")
+    if not sequence.depth_format.resample:
+        _require_registered((depth.height, depth.width), (color.height, color.width))
+
+
+def read_ground_truth(sequence: Sequence) -> Trajectory | None:
+    """The reference poses that came with the recording, in the convention of `Trajectory`; None if there are none.
+
+    Raises InputError naming file and line where they cannot be read.
+    """
+    return find_layout(sequence.layout).ground_truth(sequence)
+
+
+def require_color_size(shape: Shape, camera: Camera) -> None:
+    """Raises InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
+    if shape[:2] != (camera.height, camera.width):
+        raise InputError(f"colour is {_size(shape)}, the camera {camera.width} x {camera.height} ({camera.source})")
+
+
+def _require_registered(depth: Shape, color: Shape) -> None:
+    if depth[:2] != color[:2]:
+        raise InputError(f"depth is {_size(depth)}, colour {_size(color)}; depth must be registered")
+
+
+def _resampled(stored: NDArray[Any], shape: Shape) -> NDArray[Any]:
+    """Nearest neighbours, so that no depth is made up across an edge; the aspect ratio must agree."""
+    import cv2
+
+    ratio = stored.shape[0] * shape[1] / (stored.shape[1] * shape[0])
+    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
+        raise InputError(f"depth is {_size(stored.shape)}, colour {_size(shape)}; not the same field of view")
+    return cv2.resize(stored, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST_EXACT)
+
+
+def _size(shape: Shape) -> str:
+    return f"{shape[1]} x {shape[0]}"
+
+
+def _name_in(root: Path, source: ImageSource) -> str:
+    path = Path(source.name)
+    return shown(path.relative_to(root)) if path.is_relative_to(root) else shown(path)

@@ -1,0 +1,81 @@
+"""The layouts by name: those built in, and plug-ins of other packages (entry points of the group GROUP)."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+from importlib.metadata import EntryPoint, entry_points
+
+from miniloop_cli.datasets.layout import Layout
+from miniloop_cli.errors import InputError
+
+LOG = logging.getLogger("miniloop")
+GROUP = "miniloop.layouts"
+_PACKAGE = "miniloop_cli.datasets.layouts"
+BUILT_IN = {  # in the order in which a recording is tried: the more special ones first
+    name: EntryPoint(name, f"{_PACKAGE}.{where}", GROUP)
+    for name, where in {
+        "7-scenes": "seven_scenes:SevenScenes",
+        "polycam": "polycam:Polycam",
+        "record3d": "record3d:Record3D",
+        "icl-nuim": "icl_nuim:IclNuim",
+        "scannet": "scannet:ScanNet",
+        "open3d": "redwood:Redwood",
+        "tum": "tum:Tum",
+    }.items()
+}
+
+
+def known_layouts() -> dict[str, EntryPoint]:
+    """Every layout by name, in the order in which a recording is tried; nothing is imported.
+
+    Plug-ins come first, by name: who installs one has recordings that it is made for, and some of the built-in
+    layouts take any folder with rgb/ and depth/. A plug-in cannot take the name of another layout.
+    """
+    plugins: dict[str, EntryPoint] = {}
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        if entry.name in plugins or entry.name in BUILT_IN:
+            LOG.warning("%s is left out: there is another layout of this name", _called(entry))
+        else:
+            plugins[entry.name] = entry
+    return plugins | BUILT_IN
+
+
+def find_layout(name: str) -> Layout:
+    """The layout of this name. Raises InputError where there is none, or where it cannot be loaded."""
+    known = BUILT_IN if name in BUILT_IN else known_layouts()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise InputError(f"unknown layout '{name}'; {hint}known: {', '.join(known)}")
+    return _load(known[name])
+
+
+def load_layouts() -> dict[str, Layout]:
+    """Every layout that can be loaded, in the order of `known_layouts`; a plug-in that cannot be is named and left out.
+
+    Raises InputError for a built-in one: the installation is at fault.
+    """
+    loaded = {}
+    for name, entry in known_layouts().items():
+        try:
+            loaded[name] = _load(entry)
+        except InputError as error:
+            if name in BUILT_IN:
+                raise
+            LOG.warning("%s; it is left out", error)
+    return loaded
+
+
+def _load(entry: EntryPoint) -> Layout:
+    try:
+        layout = entry.load()()
+    except Exception as error:  # a plug-in is somebody else's program: anything can go wrong
+        raise InputError(f"{_called(entry)} cannot be loaded ({type(error).__name__}: {error})") from error
+    if not isinstance(layout, Layout):
+        raise InputError(f"{_called(entry)} is no layout: {entry.value} lacks matches, open or ground_truth")
+    return layout
+
+
+def _called(entry: EntryPoint) -> str:
+    return f"layout '{entry.name}'" + (f" of the package {entry.dist.name}" if entry.dist else "")
