@@ -14,6 +14,7 @@ from miniloop_cli.api import evaluate, register, simulate
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.stages.artifacts import EDGES, FEATURES
 
 LENS = (0.26, -0.95, 0.0, 0.0, 1.16)
 NAMES = ["ROS camera", "pairwise only", "averaging only"]
@@ -117,10 +118,10 @@ def test_list_needs_no_recording():
 
 def test_only_features_are_kept(tmp_path):
     store = FeatureStore(tmp_path)
-    for kind in ("features", "edges"):
-        store.save(kind, "k", {"x": np.arange(3)})
-    assert store.load("features", "k")["x"].tolist() == [0, 1, 2]
-    assert store.load("edges", "k") is None
-    assert Store(tmp_path).load("edges", "k") is None
-    Store(tmp_path).save("edges", "k", {"x": np.arange(3)})
-    assert store.load("edges", "k") is None
+    for artifact in (FEATURES, EDGES):
+        store.save(artifact, "k", {"x": np.arange(3)})
+    assert store.load(FEATURES, "k")["x"].tolist() == [0, 1, 2]
+    assert store.load(EDGES, "k") is None
+    assert Store(tmp_path).load(EDGES, "k") is None
+    Store(tmp_path).save(EDGES, "k", {"x": np.arange(3)})
+    assert store.load(EDGES, "k") is None
