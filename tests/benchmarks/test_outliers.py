@@ -19,6 +19,8 @@ from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.scene.verdict import Verdict
 
+pytestmark = pytest.mark.slow  # the graph that they begin with is a recording registered
+
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory):
