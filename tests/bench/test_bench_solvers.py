@@ -35,6 +35,7 @@ def test_random_rotations_are_uniform(rng):
     np.testing.assert_allclose((R**2).mean(axis=0), 1 / 3, atol=0.02)
 
 
+@pytest.mark.slow
 def test_rows_and_files(tmp_path):
     result = CliRunner().invoke(
         bench, ["solvers", "--problems", "300", "-o", str(tmp_path), "--json", "-", "-q"], catch_exceptions=False
@@ -53,6 +54,7 @@ def test_rows_and_files(tmp_path):
     assert (tmp_path / "solvers.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_table_names_the_paper(tmp_path):
     result = CliRunner().invoke(bench, ["solvers", "--problems", "50", "-o", str(tmp_path)], catch_exceptions=False)
     assert "us paper" in result.stdout and "2.495e+04" in result.stdout
