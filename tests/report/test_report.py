@@ -257,6 +257,18 @@ def test_solvers_have_colours_of_their_own():
     assert len({KINDS[name] for name in ("cycle5", "cycle4", "cycle3", "pairwise", "guided")}) == 5
 
 
+def test_a_verified_edge_that_contradicts_the_poses_makes_a_run_doubtful(run):
+    frames = (run.results / "frames.csv").read_text().replace(",0,-1,no_matches,", ",1,0,registered,")
+    (run.results / "frames.csv").write_text(frames)
+    assert judge(load(run.results).columns).level == Level.GOOD
+    edges = (run.results / "edges.csv").read_text().replace("verified,,,0.1,", "verified,,,73.0,", 1)
+    (run.results / "edges.csv").write_text(edges)
+    found = judge(load(run.results).columns)
+    assert found.level == Level.DOUBTFUL
+    assert found.reasons[0].startswith("1 verified edge contradicts the poses (the worst: 0–")
+    assert "by 73.0 deg" in found.reasons[0] and found.reasons[0] in found.headline
+
+
 def test_frames_with_the_same_trouble_belong_together(run):
     text = (run.results / "frames.csv").read_text().splitlines()
     reasons = ("its only overlap was not verified (5 inliers)", "none of 3 overlaps was verified (best: 4 inliers)")
