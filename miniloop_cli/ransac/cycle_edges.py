@@ -13,9 +13,9 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edge_pool import Cycle
 from miniloop_cli.ransac.estimate import EdgeEstimate
 from miniloop_cli.ransac.matches import EdgeMatches, edge_matches
-from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.scene.edge import REJECTED, VERIFIED, WEAK, Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.solvers import solver_name
 from miniloop_cli.typing import Pair
 
 
@@ -56,7 +56,7 @@ def directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> Edge
 def _unsolved(pair: Pair, matches: Matches, scans: int) -> Edge:
     i, j = in_order(pair)
     rows, reason = matches[i, j], "no hypothesis fits the matches"
-    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name, reason=reason)
+    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=solver_name(scans), reason=reason)
 
 
 def judged_edge(

@@ -15,10 +15,10 @@ from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.ransac.cycle_edges import _unsolved, directed, judged_edge, sides, weakest_last
 from miniloop_cli.ransac.distance_consistency import consistent
 from miniloop_cli.ransac.estimate import estimate
-from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import VERIFIED, WEAK, Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.solvers import solver_name
 from miniloop_cli.typing import Pair
 from miniloop_cli.verification.loop_support import Prediction, agree, pose_graph, predict
 
@@ -132,7 +132,7 @@ def _solve_cycle(
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
     if result is None:
         return [_unsolved(pair, matches, len(cycle)) for pair in chain]
-    solver, cycle_number = SOLVERS[len(cycle)].name, number if len(cycle) > 2 else -1
+    solver, cycle_number = solver_name(len(cycle)), number if len(cycle) > 2 else -1
     return [
         judged_edge(pair, found, matches, solver, result.hypotheses, settings.verification, cycle_number)
         for pair, found in zip(chain, result.edges, strict=True)
