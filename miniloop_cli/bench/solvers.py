@@ -64,12 +64,11 @@ def solver_row(name: str, problems: int, rng: np.random.Generator) -> dict[str, 
     """Measure one solver of SOLVERS on `problems` exact random cycles in a unit cube."""
     paper, upright, solver = PAPER.get(name, Paper()), SOLVERS[name].upright, load(name)
     p, q, truth = random_problems(rng, solver.matches, problems, upright=upright)
-    # Real solutions only: on exact data the real part of a complex pair is no solution.
-    exactly = (0.0,) * len(solver.tolerances)
     found, residual, histogram = 0, 0.0, np.zeros(solver.max_solutions + 1, np.int64)
     for i in range(0, problems, CHUNK):
         part = slice(i, i + CHUNK)
-        T, counts = solver.solve_batch(p[part], q[part], *exactly)
+        # Real solutions only: on exact data the real part of a complex pair is no solution.
+        T, counts = solver.solve_batch(p[part], q[part], nearly_real=0.0)
         histogram += np.bincount(counts, minlength=len(histogram))
         error = np.abs(T - truth[part, None, :, :3]).max(axis=(2, 3, 4))
         error[np.arange(solver.max_solutions) >= counts[:, None]] = np.inf

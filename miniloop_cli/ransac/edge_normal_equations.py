@@ -12,7 +12,7 @@ from miniloop_cli.typing import Floats
 MATH = {"nsz", "arcp", "contract", "reassoc"}
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, fastmath=MATH, error_model="numpy")
 def edge_normal_equations(
     T: Floats,
     matches: Packed,

@@ -46,7 +46,6 @@ def search(
     """
     sizes = np.array(solver.matches, np.int64)
     scans = max(len(sizes), 2)
-    tolerances = (NEARLY_REAL,) * len(solver.tolerances)
     soft = float(settings.score == "msac")
     tolerance = TOLERANCE_SHARE / np.sqrt(inverse_gate2)
     best, trial, cost = np.zeros((scans - 1, 3, 4)), np.zeros((scans - 1, 3, 4)), np.inf
@@ -58,7 +57,7 @@ def search(
         samples = np.empty((count, sizes.sum()), np.int64)
         p, q = np.empty((2, *samples.shape, 3))
         draw_samples(matches, tolerance, sizes, BASELINE_SHARE, upright, rng, samples, p, q)
-        T, counts = solver.solve_batch(p, q, *tolerances)
+        T, counts = solver.solve_batch(p, q, NEARLY_REAL)
         trial_cost = best_of(T, counts, matches, inverse_gate2, soft, floors, trial)
         if settings.local_optimization and np.isfinite(trial_cost):
             trial_cost = _optimise(trial, matches, inverse_gate2, soft, upright, trial_cost)

@@ -24,23 +24,23 @@ class MinimalSolver:
     """A minimal solver, called with one sample: `solver(p, q)`; `solve_batch` takes many, `solve` is compiled.
 
     `matches`: how many each edge gives, the closing edge last. `max_solutions`: the bound on their number.
-    `tolerances`: what the compiled function takes besides p, q and T, by default; either nothing or `nearly_real`, the
-    imaginary part (rad) up to which a complex pair of roots gives its real part.
+    `nearly_real`: up to which imaginary part (rad) a complex pair of roots gives its real part if nothing else is asked
+    for; None where that is no question.
     """
 
     def __init__(
-        self, core: FunctionType, matches: tuple[int, ...], solutions: int, tolerances: tuple[float, ...]
+        self, core: Callable[..., int], matches: tuple[int, ...], solutions: int, nearly_real: float | None
     ) -> None:
-        self.matches, self.max_solutions, self.tolerances = matches, solutions, tolerances
-        self.__name__, self.__doc__, self.__module__ = core.__name__, core.__doc__, core.__module__
+        self.name, self.__doc__, self.__module__ = core.__name__, core.__doc__, core.__module__
+        self.matches, self.max_solutions, self.nearly_real = matches, solutions, nearly_real
         # Compiled for whoever calls it; the loop has a copy in it and does without.
         self.solve = njit(**OPTIONS)(core)
-        self._solve_all = njit(**OPTIONS)(_loop_over(core, _solve_all_within if tolerances else _solve_all))
+        self._solve_all = njit(**OPTIONS)(_loop_over(core, _solve_all if nearly_real is None else _solve_all_within))
 
-    def solve_batch(self, p: Floats, q: Floats, *tolerances: float) -> tuple[Floats, Ints]:
+    def solve_batch(self, p: Floats, q: Floats, nearly_real: float | None = None) -> tuple[Floats, Ints]:
         """Solutions T (b, solutions, n-1, 3, 4) and their counts (b,) of samples p, q (b, k, 3); unused slots are zero.
 
-        Raises MiniloopError if a shape is wrong.
+        `nearly_real` (rad) in place of the solver's own, if it has one. Raises MiniloopError if a shape is wrong.
         """
         p, q = np.ascontiguousarray(p, float), np.ascontiguousarray(q, float)
         k = sum(self.matches)
@@ -48,7 +48,10 @@ class MinimalSolver:
             raise MiniloopError(f"this solver takes samples p, q (b, {k}, 3), got {p.shape} and {q.shape}")
         T = np.zeros((len(p), self.max_solutions, max(len(self.matches), 2) - 1, 3, 4))
         counts = np.zeros(len(p), np.int64)
-        self._solve_all(p, q, T, counts, *(tolerances or self.tolerances))
+        if self.nearly_real is None:
+            self._solve_all(p, q, T, counts)
+        else:
+            self._solve_all(p, q, T, counts, self.nearly_real if nearly_real is None else nearly_real)
         return T, counts
 
     def __call__(self, p: Floats, q: Floats, best: bool = False) -> Floats:
@@ -68,7 +71,7 @@ def minimal_solver(
 
     With `nearly_real` the function takes it as fourth argument, and this is its default.
     """
-    return lambda core: MinimalSolver(core, matches, solutions, () if nearly_real is None else (nearly_real,))
+    return lambda core: MinimalSolver(core, matches, solutions, nearly_real)
 
 
 def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:

@@ -72,7 +72,7 @@ def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Floats, nearly_re
     f[3] = 0.5 * (cc - ss)
     f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
     count = 0
-    for i in range(roots_on_circle(memory, 2, nearly_real)):
+    for i in range(roots_on_circle(memory, np.int64(2), nearly_real)):
         c, s = cosines[i], sines[i]
         x, y = at(vx, c, s), at(vy, c, s)
         b, good_b = unit(complex(x, -y) * complex(at(wx, c, s) * sign, at(wy, c, s) * sign))

@@ -121,7 +121,7 @@ def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> in
     norm_excess(B, W, memory[0])
 
     count = 0
-    for i in range(roots_on_circle(memory, 4, nearly_real)):
+    for i in range(roots_on_circle(memory, np.int64(4), nearly_real)):
         e = complex(memory[1, i], memory[2, i])
         Pa, Qa, ha = value(P, e), value(Q, e), value(h, e)
         b = (Pa.conjugate() * ha - Qa * ha.conjugate()) * (abs(Pa) - abs(Qa))
@@ -163,14 +163,15 @@ def cycle5(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     Returns the number of solutions, 0 to 8, best closing residual first. Complex pairs with an imaginary part below
     `nearly_real` (rad) give their real part, 0: none.
     """
-    count = _solve_from_first(p, q, T, nearly_real)
-    if count < 0:
-        new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
-        for start in range(1, 5):
+    new_p, new_q, new_T = p, q, T
+    for start in range(5):
+        if start == 1:
+            new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
+        if start:
             rotated_matches(start, p, q, new_p, new_q)
-            count = _solve_from_first(new_p, new_q, new_T, nearly_real)
-            if count >= 0:
-                for s in range(count):
-                    poses_from_rotated(start, new_T, T, s)
-                break
-    return max(count, 0)
+        count = _solve_from_first(new_p, new_q, new_T, nearly_real)
+        if count >= 0:
+            for s in range(count if start else 0):
+                poses_from_rotated(start, new_T, T, s)
+            return count
+    return 0

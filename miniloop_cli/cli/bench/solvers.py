@@ -37,8 +37,9 @@ def bench_solvers(problems: int, output: Path | None, json_path: str | None, see
     \b
     Example:   miniloop bench solvers --problems 10000
     """
-    from miniloop_cli.bench.solvers import SOLVERS, draw_histograms, solver_rows
+    from miniloop_cli.bench.solvers import draw_histograms, solver_rows
     from miniloop_cli.runtime.progress import track
+    from miniloop_cli.solvers import SOLVERS
 
     found = [solver_rows(problems, seed, [name]) for name in track(list(SOLVERS), "Solvers", quiet=quiet)]
     head = " ".join(f"{head:>13}" for head in COLUMNS.values())
