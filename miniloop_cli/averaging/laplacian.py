@@ -77,7 +77,7 @@ class Differences:
         return conjugate_gradients(*rows, degree, *self.factor, b, tolerance, CG_STEPS)[0]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def conjugate_gradients(
     first: Ints,
     neighbour: Ints,

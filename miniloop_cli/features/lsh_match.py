@@ -72,7 +72,7 @@ def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
     return _match(a.descriptors, b.descriptors, a.rows[:n], b.blocks, m, ratio2)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     """Bits in which a sketch differs from the k-th of a block."""
     return set_bits(
@@ -87,7 +87,7 @@ def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None:
     """Keys (differing bits, number) of the best of each lane for every row (n, LANES), and of every column's row."""
     shift = np.uint32(16)
@@ -106,7 +106,7 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
             best[k] = min(best[k], np.uint32(differing | np.uint32(whole * LANES + k)))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _least(keys: Bits) -> np.uint32:
     """The least of the keys (LANES,), which is taken from them."""
     least = np.uint32(0xFFFFFFFF)
@@ -117,7 +117,7 @@ def _least(keys: Bits) -> np.uint32:
     return least
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def squared_distance(a: Bytes, b: Bytes) -> np.int32:
     """Of two compact descriptors (d,); for compiled code."""
     total = np.int32(0)
@@ -127,7 +127,7 @@ def squared_distance(a: Bytes, b: Bytes) -> np.int32:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _match(a: Bytes, b: Bytes, rows: Bits, blocks: Bits, m: int, ratio2: float) -> Ints:
     n = rows.shape[0]
     none = np.uint32(0xFFFFFFFF)

@@ -129,7 +129,7 @@ def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypoth
         distance2 = ((se3.transform(pose, edge.p) - edge.q) ** 2).sum(axis=1)
         variance = distance2[near].sum() / max(3 * near.sum() - 6, 1)
         information = _isotropic_information(se3.transform(pose, edge.p[near]), variance)
-        covariance = np.linalg.pinv(information)
+        covariance = np.linalg.pinv(information).astype(float)
         found.append(EdgeEstimate(pose, near, distance2 / max(variance, 1e-12), information, covariance))
     return CycleEstimate(tuple(found), hypotheses)
 

@@ -51,7 +51,8 @@ def search(
     best, trial, cost = np.zeros((scans - 1, 3, 4)), np.zeros((scans - 1, 3, 4)), np.inf
     floors = np.full(len(sizes), np.inf)
     kept = np.zeros((0, sizes.sum()), np.int64)
-    tried, needed, batch = 0, settings.iterations, FIRST_BATCH
+    tried, batch = 0, FIRST_BATCH
+    needed: float = settings.iterations
     while tried < needed:
         count = min(batch, settings.iterations - tried)
         samples = np.empty((count, sizes.sum()), np.int64)
