@@ -220,7 +220,7 @@ def vote_again(
                 if agree(new, load(proposal, b), near):
                     support[k] += vote[b]
                     support[b] += vote[k]
-        best = np.argmax(support[:count])
+        best = int(np.argmax(support[:count]))
         if not agree(load(proposal, best), here, near):
             if supported >= support[best]:
                 continue

@@ -75,7 +75,7 @@ def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     """Bits in which a sketch differs from the k-th of a block."""
-    return set_bits(
+    return set_bits(  # type: ignore[call-arg]  # numba adds the first argument
         np.uint32(row[0] ^ block[0, k]),
         np.uint32(row[1] ^ block[1, k]),
         np.uint32(row[2] ^ block[2, k]),
@@ -137,7 +137,8 @@ def _match(a: Bytes, b: Bytes, rows: Bits, blocks: Bits, m: int, ratio2: float) 
     match, distance2 = np.full(n, -1), np.empty(n, np.int32)
     taken, taken_by = np.full(m, np.int32(2**31 - 1), np.int32), np.full(m, -1)
     for i in range(n):
-        nearest, best, second = -1, np.int32(2**31 - 1), np.int32(2**31 - 1)
+        nearest: int | np.int64 = -1
+        best, second = np.int32(2**31 - 1), np.int32(2**31 - 1)
         for _ in range(CANDIDATES):
             key = _least(lane[i])
             if key == none:

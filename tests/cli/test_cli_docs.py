@@ -1,9 +1,9 @@
 """The documentation: no dead links, commands and settings that exist, code that runs, pages up to date."""
 
+import importlib.util
 import re
 import runpy
 import sys
-import types
 from typing import get_args
 
 import click
@@ -78,17 +78,19 @@ def test_features_of_the_option_are_those_of_the_setting():
     assert get_args(keys()["features.type"].annotation) == FEATURES
 
 
-def block(name):
-    """The Python block of extending.md that is marked so, as a module."""
+def block(name, folder):
+    """The Python block of extending.md that is marked so, as a module saved in `folder`: compilers ask for its file."""
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-    code = re.search(rf"<!-- test: {name} -->\n```python\n(.*?)```", text, re.DOTALL)[1]
-    module = types.ModuleType(f"extending_{name}")
-    exec(compile(code, f"extending.md ({name})", "exec"), module.__dict__)
+    path = folder / f"extending_{name}.py"
+    path.write_text(re.search(rf"<!-- test: {name} -->\n```python\n(.*?)```", text, re.DOTALL)[1], encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
     return module
 
 
-def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "extending_layout", block("layout"))
+def test_the_layout_of_the_docs(recording, tmp_path, tmp_path_factory, monkeypatch):
+    monkeypatch.setitem(sys.modules, "extending_layout", block("layout", tmp_path_factory.mktemp("layout")))
     monkeypatch.setattr(
         miniloop_cli.datasets, "LAYOUTS", {"robot": "extending_layout"} | dict(miniloop_cli.datasets.LAYOUTS)
     )
@@ -104,9 +106,9 @@ def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
     np.testing.assert_allclose(scan.depth_m, 5 * same.depth_m, rtol=1e-6)  # 5000 units a metre, read as 1000
 
 
-def test_the_solver_of_the_docs():
-    solver = block("solver")
-    p, q, T = random_problems(np.random.default_rng(0), solver.MATCHES, 200)
+def test_the_solver_of_the_docs(tmp_path):
+    solver = block("solver", tmp_path).svd3
+    p, q, T = random_problems(np.random.default_rng(0), solver.matches, 200)
     found, counts = solver.solve_batch(p, q)
     assert (counts == 1).all()
     np.testing.assert_allclose(found[:, 0], T[:, :, :3], atol=1e-9)

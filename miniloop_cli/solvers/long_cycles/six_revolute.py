@@ -179,4 +179,4 @@ def solve_chain(K: Floats, nearly_real: float, angles: Floats) -> int:
         # Solutions come in pairs, and chains without any are rare: then a second cut has to agree.
         if cuts > (0 if count > 0 and count % 2 == 0 else 1):
             break
-    return count
+    return int(count)
