@@ -56,5 +56,5 @@ def solver_name(scans: int, upright: bool = False) -> str:
     """The name of the solver of so many scans, the last one listed. Raises MiniloopError if there is none."""
     names = [name for name, listed in SOLVERS.items() if (listed.scans, listed.upright) == (scans, upright)]
     if not names:
-        raise MiniloopError(f"there is no solver of {scans} scans{' with a known vertical' * upright}")
+        raise MiniloopError(f"there is no solver for {scans} scans{' with a known vertical' * upright}")
     return names[-1]
