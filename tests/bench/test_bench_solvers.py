@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.bench.problems import noisy_cycle, random_problems, random_rotations
-from miniloop_cli.bench.solvers import SOLVERS, solver_rows
+from miniloop_cli.bench.solvers import solver_rows
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.geometry import se3
+from miniloop_cli.solvers import SOLVERS
 from miniloop_cli.solvers.batch import match_residuals
 
 KEYS = {
