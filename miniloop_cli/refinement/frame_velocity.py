@@ -70,7 +70,7 @@ def estimate_velocities(
     start = np.searchsorted(measured.frame[order], np.arange(len(T_cam_world) + 1))
     centre, twist = np.concatenate(path[::-1], axis=1), np.concatenate(before[::-1], axis=1)
     felt, unsure = twist.copy(), np.zeros((len(twist), 6, 6))
-    on_path = centre.any(axis=1)
+    on_path = np.any(centre != 0, axis=1)
     near, free = (np.repeat(sigmas, 3) ** -2.0 for sigmas in (PATH_SIGMAS, SPEED_SIGMAS))
     for f in np.flatnonzero(np.diff(start) >= LEAST_OBSERVATIONS):
         prior = near if on_path[f] else free
@@ -138,4 +138,10 @@ def _frame_systems(
     inside = [np.flatnonzero(part == number) for number in range(PARTS)]
     H = np.array([np.einsum("kri,krj->ij", J_weighted[k], J[k]) for k in inside])
     g = np.array([np.einsum("kri,kr->i", J_weighted[k], r[k]) for k in inside])
-    return tuple(np.concatenate([whole[None], whole - of]) for whole, of in ((H.sum(axis=0), H), (g.sum(axis=0), g)))
+    return _whole_and_without(H), _whole_and_without(g)
+
+
+def _whole_and_without(of_parts: Floats) -> Floats:
+    """(1 + parts, ...) the sum over the parts (parts, ...), and without each."""
+    whole = of_parts.sum(axis=0)
+    return np.concatenate([whole[None], whole - of_parts])

@@ -14,15 +14,16 @@ from miniloop_cli.config import Settings
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
-from miniloop_cli.refinement.bundle import BundleSettings
+from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
 from miniloop_cli.refinement.inputs import Refined, Scans
-from miniloop_cli.refinement.posegraph import refine_pose_graph
+from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import Edge, pairs_of
 from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
@@ -55,7 +56,13 @@ def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:
         np.array([e.T_j_i for e in inside]),
         np.array([e.information for e in inside]),
     )
-    return Refined(Poses(result.T_world_cam, poses.component), result.covariance)
+    return _refined(result, poses)
+
+
+def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timing = NO_TIMING) -> Refined:
+    unknown = np.full((len(poses.component), 6, 6), np.nan)
+    covariance = unknown if result.covariance is None else result.covariance
+    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
 
 
 def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settings, workers: Workers) -> Refined | None:
@@ -85,8 +92,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
     if settings.bundle.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)
-    covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
-    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
+    return _refined(result, poses, timing)
 
 
 def tied(measured: Measurements, known: Bools) -> bool:

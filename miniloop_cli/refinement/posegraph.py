@@ -77,7 +77,7 @@ def refine_pose_graph(
     refined = pose(problem.R, problem.t + problem.origin)
     refined = restoring_motion(T, refined, anchor) @ refined
     is_anchor = anchor == np.arange(len(T))
-    factor = _variance_factor(chi2, 6 * (len(chi2) - np.count_nonzero(~is_anchor)))
+    factor = _variance_factor(chi2, 6 * (len(chi2) - int(np.count_nonzero(~is_anchor))))
     covariance = None
     if settings.covariance:
         gain = noise_gain(settings.kernel, settings.scale, 6)

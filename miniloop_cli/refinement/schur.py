@@ -13,28 +13,31 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from miniloop_cli.refinement.track_terms import Model, Observations, camera_point, observation_cost, observation_terms
+from miniloop_cli.refinement.point_equations import PointEquations
+from miniloop_cli.refinement.track_rows import TrackRows
 from miniloop_cli.typing import Floats
 
 _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_point_terms(
+def _add_to_point(
     V: Floats,
     g: Floats,
     M: Floats,
     R: Floats,
     f: int,
-    terms: tuple[float, float, float, float, float, float, float, float],
+    a: Floats,
+    A: Floats,
 ) -> None:
-    """V (upper triangle) += R A R^T, g += R a, M = A R^T."""
-    a0, a1, a2, A00, A11, A02, A12, A22 = terms
+    """V (upper triangle) += R A R^T, g += R a, M = A R^T; a (3,), A (6,) as in PointEquations."""
+    a0, a1, a2 = a[0], a[1], a[2]
+    A00, A01, A02, A11, A12, A22 = A[0], A[1], A[2], A[3], A[4], A[5]
     for c in range(3):
         r0, r1, r2 = R[f, c, 0], R[f, c, 1], R[f, c, 2]
         g[c] += r0 * a0 + r1 * a1 + r2 * a2
-        M[0, c] = A00 * r0 + A02 * r2
-        M[1, c] = A11 * r1 + A12 * r2
+        M[0, c] = A00 * r0 + A01 * r1 + A02 * r2
+        M[1, c] = A01 * r0 + A11 * r1 + A12 * r2
         M[2, c] = A02 * r0 + A12 * r1 + A22 * r2
     for i in range(3):
         for j in range(i, 3):
@@ -42,7 +45,7 @@ def add_point_terms(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cholesky3(V: Floats, damping: float) -> tuple[float, float, float, float, float, float]:
+def _cholesky3(V: Floats, damping: float) -> tuple[float, float, float, float, float, float]:
     """1/L00, L10, L20, 1/L11, L21, 1/L22 of V + damping diag(V) + prior."""
     grow = 1.0 + damping
     i0 = 1.0 / np.sqrt(V[0, 0] * grow + _POINT_PRIOR)
@@ -54,18 +57,19 @@ def cholesky3(V: Floats, damping: float) -> tuple[float, float, float, float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_pose_terms(
+def _add_to_pose(
     S: Floats,
     g: Floats,
     f: int,
-    x: float,
-    y: float,
-    z: float,
+    p_cam: Floats,
     grow: float,
-    terms: tuple[float, float, float, float, float, float, float, float],
+    a: Floats,
+    A: Floats,
 ) -> None:
     """Diagonal block f of S += B^T A B with its diagonal times `grow`; g[f] += B^T a."""
-    a0, a1, a2, A00, A11, A02, A12, A22 = terms
+    x, y, z = p_cam[0], p_cam[1], p_cam[2]
+    a0, a1, a2 = a[0], a[1], a[2]
+    A00, A01, A02, A11, A12, A22 = A[0], A[1], A[2], A[3], A[4], A[5]
     g[f, 0] += a1 * z - a2 * y
     g[f, 1] += a2 * x - a0 * z
     g[f, 2] += a0 * y - a1 * x
@@ -73,9 +77,9 @@ def add_pose_terms(
     g[f, 4] -= a1
     g[f, 5] -= a2
     # H = hat(x) A
-    h00, h01, h02 = y * A02, y * A12 - z * A11, y * A22 - z * A12
-    h10, h11, h12 = z * A00 - x * A02, -x * A12, z * A02 - x * A22
-    h20, h21, h22 = -y * A00, x * A11, x * A12 - y * A02
+    h00, h01, h02 = y * A02 - z * A01, y * A12 - z * A11, y * A22 - z * A12
+    h10, h11, h12 = z * A00 - x * A02, z * A01 - x * A12, z * A02 - x * A22
+    h20, h21, h22 = x * A01 - y * A00, x * A11 - y * A01, x * A12 - y * A02
     S[f, 0, 0] += grow * (h02 * y - h01 * z)
     S[f, 0, 1] += h00 * z - h02 * x
     S[f, 0, 2] += h01 * x - h00 * y
@@ -94,6 +98,7 @@ def add_pose_terms(
     S[f, 3, 3] += grow * A00
     S[f, 4, 4] += grow * A11
     S[f, 5, 5] += grow * A22
+    S[f, 3, 4] += A01
     S[f, 3, 5] += A02
     S[f, 4, 5] += A12
 
@@ -102,39 +107,34 @@ def add_pose_terms(
 def reduce_tracks(
     low: int,
     high: int,
-    obs: Observations,
-    model: Model,
+    tracks: TrackRows,
+    seen: PointEquations,
     R: Floats,
-    t: Floats,
-    X: Floats,
     damping: float,
     table: NDArray[np.uint32],
     S: Floats,
     g: Floats,
-) -> float:
-    """Add the tracks low..high - 1 to the reduced system; half their robust cost is returned.
+) -> None:
+    """Add the tracks low..high - 1 to the reduced system.
 
-    R (n, 3, 3), t (n, 3) poses, X (p, 3) points; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the
-    reduced gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle is right; the caller mirrors it.
+    R (n, 3, 3) rotations of the poses; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the reduced
+    gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle is right; the caller mirrors it.
     """
     longest = 0
     for p in range(low, high):
-        longest = max(longest, obs.start[p + 1] - obs.start[p])
+        longest = max(longest, tracks.start[p + 1] - tracks.start[p])
     x, Ms, Y = np.empty((longest, 3)), np.empty((longest, 3, 3)), np.empty((longest, 18))
     V, gp = np.empty((3, 3)), np.empty(3)
-    cost = 0.0
     for p in range(low, high):
-        first, length = obs.start[p], obs.start[p + 1] - obs.start[p]
+        first, length = tracks.start[p], tracks.start[p + 1] - tracks.start[p]
         V[:], gp[:] = 0.0, 0.0
         for k in range(length):
-            f = obs.frame[first + k]
-            x0, x1, x2 = camera_point(R, t, f, X, p)
-            cost += observation_cost(obs, first + k, model, x0, x1, x2)
-            terms = observation_terms(obs, first + k, model, x0, x1, x2)
-            add_point_terms(V, gp, Ms[k], R, f, terms)
-            add_pose_terms(S, g, f, x0, x1, x2, 1.0 + damping, terms)
-            x[k, 0], x[k, 1], x[k, 2] = x0, x1, x2
-        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
+            row = first + k
+            f = tracks.frame[row]
+            x[k, 0], x[k, 1], x[k, 2] = seen.p_cam[0, row], seen.p_cam[1, row], seen.p_cam[2, row]
+            _add_to_point(V, gp, Ms[k], R, f, seen.gradient[row], seen.hessian[row])
+            _add_to_pose(S, g, f, x[k], 1.0 + damping, seen.gradient[row], seen.hessian[row])
+        i0, l10, l20, i1, l21, i2 = _cholesky3(V, damping)
         e0 = gp[0] * i0
         e1 = (gp[1] - l10 * e0) * i1
         e2 = (gp[2] - l20 * e0 - l21 * e1) * i2
@@ -149,16 +149,16 @@ def reduce_tracks(
                 Y[k, c] = x[k, 1] * b2 - x[k, 2] * b1
                 Y[k, c + 1] = x[k, 2] * b0 - x[k, 0] * b2
                 Y[k, c + 2] = x[k, 0] * b1 - x[k, 1] * b0
-            f = obs.frame[first + k]
+            f = tracks.frame[first + k]
             for i in range(6):
                 g[f, i] -= Y[k, i] * e0 + Y[k, 6 + i] * e1 + Y[k, 12 + i] * e2
         for k in range(length):
-            f = obs.frame[first + k]
+            f = tracks.frame[first + k]
             a = Y[k]
             a0, a1, a2, a3, a4, a5, a6, a7, a8 = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
             b0, b1, b2, b3, b4, b5, b6, b7, b8 = a[9], a[10], a[11], a[12], a[13], a[14], a[15], a[16], a[17]
             for m in range(k, length):
-                q = table[f, obs.frame[first + m]]
+                q = table[f, tracks.frame[first + m]]
                 for j in range(6):  # the hottest loop: a in registers, j vectorised
                     y0, y1, y2 = Y[m, j], Y[m, 6 + j], Y[m, 12 + j]
                     S[q, 0, j] -= a0 * y0 + a6 * y1 + b3 * y2
@@ -167,49 +167,41 @@ def reduce_tracks(
                     S[q, 3, j] -= a3 * y0 + b0 * y1 + b6 * y2
                     S[q, 4, j] -= a4 * y0 + b1 * y1 + b7 * y2
                     S[q, 5, j] -= a5 * y0 + b2 * y1 + b8 * y2
-    return 0.5 * cost
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_tracks(
     low: int,
     high: int,
-    obs: Observations,
-    model: Model,
+    tracks: TrackRows,
+    seen: PointEquations,
     R: Floats,
-    t: Floats,
-    X: Floats,
     damping: float,
     step: Floats,
-    R_new: Floats,
-    t_new: Floats,
-    X_new: Floats,
-) -> float:
-    """Back-substitute the pose step (n, 6) into the points (to X_new); half the robust cost of the new state."""
+    X: Floats,
+) -> None:
+    """Back-substitute the pose step (n, 6) into the points X (p, 3) of the tracks low..high - 1."""
     V, g, M = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    cost = 0.0
+    a = np.empty(3)
     for p in range(low, high):
         V[:], g[:] = 0.0, 0.0
-        for k in range(obs.start[p], obs.start[p + 1]):
-            f = obs.frame[k]
-            x, y, z = camera_point(R, t, f, X, p)
-            a0, a1, a2, A00, A11, A02, A12, A22 = observation_terms(obs, k, model, x, y, z)
+        for k in range(tracks.start[p], tracks.start[p + 1]):
+            f, A = tracks.frame[k], seen.hessian[k]
+            x, y, z = seen.p_cam[0, k], seen.p_cam[1, k], seen.p_cam[2, k]
             # W^T step = R A q: the gradient the point feels once the pose has moved.
             q0 = y * step[f, 2] - z * step[f, 1] - step[f, 3]
             q1 = z * step[f, 0] - x * step[f, 2] - step[f, 4]
             q2 = x * step[f, 1] - y * step[f, 0] - step[f, 5]
-            a0, a1, a2 = a0 + A00 * q0 + A02 * q2, a1 + A11 * q1 + A12 * q2, a2 + A02 * q0 + A12 * q1 + A22 * q2
-            add_point_terms(V, g, M, R, f, (a0, a1, a2, A00, A11, A02, A12, A22))
-        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
+            a[0] = seen.gradient[k, 0] + A[0] * q0 + A[1] * q1 + A[2] * q2
+            a[1] = seen.gradient[k, 1] + A[1] * q0 + A[3] * q1 + A[4] * q2
+            a[2] = seen.gradient[k, 2] + A[2] * q0 + A[4] * q1 + A[5] * q2
+            _add_to_point(V, g, M, R, f, a, A)
+        i0, l10, l20, i1, l21, i2 = _cholesky3(V, damping)
         e0 = g[0] * i0
         e1 = (g[1] - l10 * e0) * i1
         e2 = (g[2] - l20 * e0 - l21 * e1) * i2
         d2 = e2 * i2
         d1 = (e1 - l21 * d2) * i1
-        X_new[p, 0] = X[p, 0] - (e0 - l10 * d1 - l20 * d2) * i0
-        X_new[p, 1] = X[p, 1] - d1
-        X_new[p, 2] = X[p, 2] - d2
-        for k in range(obs.start[p], obs.start[p + 1]):
-            x, y, z = camera_point(R_new, t_new, obs.frame[k], X_new, p)
-            cost += observation_cost(obs, k, model, x, y, z)
-    return 0.5 * cost
+        X[p, 0] -= (e0 - l10 * d1 - l20 * d2) * i0
+        X[p, 1] -= d1
+        X[p, 2] -= d2
