@@ -61,7 +61,7 @@ def register(
         solving = [section.model_dump() for section in (settings.ransac, settings.verification, settings.cycles)]
         edges_key = fingerprint(matches_key, list(matches), solving, seed)
         edges = edges_kept(matches, edges_key, store, lambda: solve_edges(matches, points, settings, seed, workers))
-        edges, notes = apply_priors(edges, priors, matches, points, settings, seed, workers)
+        edges, vertical, notes = apply_priors(edges, priors, matches, points, settings, seed, workers)
     with watch.stage("averaging"):
         looking = [
             settings.ransac.model_dump(),
@@ -95,7 +95,7 @@ def register(
     with watch.stage("refinement"):
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
         depth_stamps = np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in sequence.frames])
-        inputs = Scans(features, points, stamps, depth_stamps, sequence.camera)
+        inputs = Scans(features, points, stamps, depth_stamps, sequence.camera, vertical)
         found = refined(poses, edges, inputs, features_key, settings, store, workers)
     return Registration(
         sequence, settings, seed, scans, edges, found.poses, found.covariance, found.timing, watch.seconds, notes

@@ -64,10 +64,9 @@ class Bundle:
         self.origin, self.jobs, self._least_curvature = origin, jobs, least_curvature
         n = len(R)
         pairs = np.concatenate([tracks.pairs(n), term_pairs(pose_terms)])
-        tied = np.bincount(pairs.ravel(), minlength=n) > 0
-        self.system = BlockSystem(~tied & ~touched(pose_terms, n), pairs)
+        self._loose = np.bincount(pairs.ravel(), minlength=n) == 0
+        self.system = BlockSystem(self._loose & ~touched(pose_terms, n), pairs)
         self.pairs = np.stack([self.system.rows, self.system.cols], axis=1)[n:]
-        self._loose = np.flatnonzero(~tied)  # a term on such a pose alone may leave some of its directions open
         self._table = self.system.table()
         # Tracks are cut where the work (the square of the length) is even.
         length = np.diff(tracks.start)
@@ -106,10 +105,7 @@ class Bundle:
         for more_S, more_g in parts[1:]:
             S, g = S + more_S, g + more_g
         S[:n] = np.triu(S[:n]) + np.triu(S[:n], 1).transpose(0, 2, 1)
-        if self.pose_terms:
-            add_pose_terms(self.pose_terms, self.T_world_cam, damping, self.system, S, g)
-            scale = np.einsum("nii->n", S[self._loose]) / 6
-            S[self._loose] += _TIE * scale[:, None, None] * np.eye(6)
+        add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, damping, self.system, S, g)
         return S, g
 
     def covariance(self, anchor: Ints, part: Ints) -> Floats:
@@ -143,9 +139,7 @@ class Bundle:
     def _at(self, R: Floats, t: Floats, X: Floats) -> State:
         p_cam = camera_points(self.tracks, R, t, X)
         seen, cost = point_equations(self.point_terms, p_cam, self._least_curvature)
-        if self.pose_terms:
-            cost += pose_cost(self.pose_terms, pose(R, t + self.origin))
-        return State(R, t, X, seen, cost)
+        return State(R, t, X, seen, cost + pose_cost(self.pose_terms, pose(R, t + self.origin)))
 
     def _moved(self, step: Floats, damping: float) -> State:
         """After the pose step (n, 6) and the points' that go with it."""

@@ -23,6 +23,14 @@ PATH_SIGMAS, SPEED_SIGMAS = (0.1, 0.05), (0.5, 0.3)
 LEAST_OBSERVATIONS = 20
 
 
+def path_runs(timestamps_s: Floats, known: Bools) -> list[Ints]:
+    """The frames that are `known` (n,), cut where they are more than MAX_GAP_S apart; runs of three and more."""
+    frames = np.flatnonzero(known)
+    step_s = np.diff(timestamps_s[frames])
+    runs = np.split(frames, np.flatnonzero((step_s > MAX_GAP_S) | (step_s <= 0)) + 1)
+    return [run for run in runs if len(run) >= 3]
+
+
 def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
 
@@ -33,11 +41,7 @@ def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Flo
     from scipy.spatial.transform import Rotation, RotationSpline
 
     v, w = np.zeros((len(T_world_cam), 3)), np.zeros((len(T_world_cam), 3))
-    frames = np.flatnonzero(known)
-    times = timestamps_s[frames]
-    for run in np.split(frames, np.flatnonzero((np.diff(times) > MAX_GAP_S) | (np.diff(times) <= 0)) + 1):
-        if len(run) < 3:
-            continue
+    for run in path_runs(timestamps_s, known):
         R, t = T_world_cam[run, :3, :3], T_world_cam[run, :3, 3]
         v[run] = np.einsum("nji,nj->ni", R, CubicSpline(timestamps_s[run], t)(timestamps_s[run], 1))
         w[run] = RotationSpline(timestamps_s[run], Rotation.from_matrix(R))(timestamps_s[run], 1)

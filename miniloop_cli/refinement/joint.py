@@ -15,9 +15,11 @@ from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
+from miniloop_cli.refinement.gravity import upright
 from miniloop_cli.refinement.inputs import Refined, Scans
 from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.runtime.parallel import Workers
@@ -45,16 +47,28 @@ def refine(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Setting
                 "more than %d scans (bundle.max_scans): the pose graph is refined, without bundle adjustment",
                 settings.bundle.max_scans,
             )
-    return _over_edges(poses, inside)
+    return _over_edges(poses, inside, scans)
 
 
-def _over_edges(poses: Poses, inside: Sequence[Edge]) -> Refined:
+def level(poses: Poses, scans: Scans) -> tuple[Poses, list[PoseTerm]]:
+    """The poses turned so that z is up, and the term that keeps them so; as they are without an accelerometer."""
+    found = None
+    if scans.accelerometer is not None:
+        found = upright(scans.accelerometer, poses.T_world_cam, scans.stamps_s, poses.component == 0)
+    if found is None:
+        return poses, []
+    return Poses(found.T_up_world @ poses.T_world_cam, poses.component), [found.term]
+
+
+def _over_edges(poses: Poses, inside: Sequence[Edge], scans: Scans) -> Refined:
     """Pose graph of the edges."""
+    poses, pose_terms = level(poses, scans)
     result = refine_pose_graph(
         poses.T_world_cam,
         pairs_of(inside),
         np.array([e.T_j_i for e in inside]),
         np.array([e.information for e in inside]),
+        pose_terms=pose_terms,
     )
     return _refined(result, poses)
 
@@ -88,7 +102,7 @@ def _bundle(poses: Poses, inside: Sequence[Edge], scans: Scans, settings: Settin
         if not tied(tracked, known):
             return None
     fine = replace(SHARP, depth_sigma_factor=settings.bundle.depth_sigma_factor)
-    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
+    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known, scans.accelerometer), NO_TIMING
     if settings.bundle.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.bundle.motion)

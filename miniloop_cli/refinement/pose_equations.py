@@ -11,6 +11,8 @@ from miniloop_cli.refinement.block_system import BlockSystem
 from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.typing import Bools, Floats, Ints
 
+_STAYING = 1e-8  # of a pose's mean curvature, in directions that no term measures
+
 
 def term_pairs(terms: Sequence[PoseTerm]) -> Ints:
     """(m, 2) the pairs of poses that the terms tie to each other."""
@@ -29,11 +31,18 @@ def touched(terms: Sequence[PoseTerm], count: int) -> Bools:
 
 
 def add_pose_terms(
-    terms: Sequence[PoseTerm], T_world_cam: Floats, damping: float, system: BlockSystem, S: Floats, g: Floats
+    terms: Sequence[PoseTerm],
+    T_world_cam: Floats,
+    loose: Bools,
+    damping: float,
+    system: BlockSystem,
+    S: Floats,
+    g: Floats,
 ) -> None:
     """Add the terms at the poses (n, 4, 4) to the blocks S of the system and to the gradient g (n, 6).
 
-    The diagonal grows by `damping` times itself.
+    The diagonal grows by `damping` times itself. Poses that nothing ties to others are `loose` (n,): what a term leaves
+    open of one of them stays.
     """
     for term in terms:
         residual, jacobian = term.linearise(T_world_cam)
@@ -50,6 +59,9 @@ def add_pose_terms(
             turned = frames[:, a] > frames[:, b]  # blocks are those of the upper triangle
             across[turned] = across[turned].transpose(0, 2, 1)
             np.add.at(S, system.block_of(frames[:, a], frames[:, b]), across)
+    if terms:
+        scale = np.einsum("nii->n", S[: len(g)]) / 6 * loose
+        S[: len(g)] += _STAYING * scale[:, None, None] * np.eye(6)
 
 
 def pose_cost(terms: Sequence[PoseTerm], T_world_cam: Floats) -> float:

@@ -29,10 +29,14 @@ def refined(
     count, of_largest = len(poses.component), poses.component == 0
     inside = [e for e in usable_edges(edges, count) if of_largest[e.i] and of_largest[e.j]]
     if settings.refine == "none" or not inside:
-        return Refined(poses, np.full((count, 6, 6), np.nan))
+        from miniloop_cli.refinement.joint import level
+
+        return Refined(level(poses, scans)[0], np.full((count, 6, 6), np.nan))
     how = [settings.refine, settings.bundle.model_dump()]
     stamps = content_fingerprint([scans.stamps_s, scans.depth_stamps_s])
-    key = fingerprint("refined", scans_key, stamps, edges_fingerprint(inside), how)
+    sensor = scans.accelerometer
+    felt = [sensor.stamps_s, sensor.readings, sensor.up] if sensor else []
+    key = fingerprint("refined", scans_key, stamps, content_fingerprint(felt), edges_fingerprint(inside), how)
 
     def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.

@@ -8,12 +8,13 @@ the hand shakes, so it only finds the pose: the pose itself is then fitted to th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 
 from miniloop_cli.config import Gravity, Settings
+from miniloop_cli.errors import InputError
 from miniloop_cli.graph.cycles import decompose
 from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, weakest_last
@@ -21,6 +22,7 @@ from miniloop_cli.ransac.gravity_aligned import estimate_upright
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import REJECTED, VERIFIED, Edge, pairs_of
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.priors import Accelerometer, Vertical
 from miniloop_cli.typing import Floats
 
 SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
@@ -29,6 +31,7 @@ LONGEST = 4  # scans in a cycle of the known-vertical solvers
 MIN_SIGMA_DEG = 1.0  # no accelerometer is better
 REJECT_FACTOR = 4.0  # times the disagreement of sure edges: this is no chance
 MAX_AXES_RATIO = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
+RIVAL_COSINE = 0.5  # axes under which up points so far elsewhere would lay the model on its side
 
 
 def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
@@ -43,36 +46,44 @@ def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
 
 
-@dataclass(frozen=True)
-class Vertical:
-    """up_cam (n, 3) unit vectors in the axes of the cameras, NaN where there is none, and how far they are off."""
+def checked(edges: Sequence[Edge], accelerometer: Accelerometer, settings: Gravity) -> tuple[Vertical | None, str]:
+    """The readings in the camera's axes, and what is to be said of them; None where too few edges can tell.
 
-    up_cam: Floats
-    sigma_deg: float
-
-
-def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tuple[Vertical | None, str]:
-    """The verticals in the camera's axes where they agree with the edges that were found freely, else None; and why.
-
-    `sigma_deg` of what is returned is what they are off from these edges.
     Sensors have axes of their own. The camera's are taken where they agree, else those of the 24 ways to put one
-    right-handed system of axes on another that agree best (a vector that points down instead of up is as good).
+    right-handed system of axes on another that agree best with the edges that were found freely. Raises InputError
+    where none agrees within `max_median_deg`, at the median.
     """
-    known = np.isfinite(up_sensor).all(axis=1)
+    known = np.all(np.isfinite(accelerometer.up), axis=1)
     sure = [e for e in edges if e.verdict == VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]]
     if len(sure) < MIN_SURE_EDGES:
         return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
     axes = _axes()
-    medians = [float(np.median(disagreement_deg(sure, up_sensor @ M.T))) for M in axes]
+    medians = [float(np.median(disagreement_deg(sure, accelerometer.up @ M.T))) for M in axes]
     best = int(np.argmin(medians))
     if medians[0] <= settings.max_median_deg and medians[best] > MAX_AXES_RATIO * medians[0]:
         best = 0
-    said = f"{medians[best]:.1f} deg from {len(sure)} sure edges (median)"
     if medians[best] > settings.max_median_deg:
-        return None, f"gravity is not used: it is {said}, whatever its axes; is the file of this recording?"
-    if best:
-        said += f", with the sensor's axes as {_named(axes[best])}"
-    return Vertical(up_sensor @ axes[best].T, max(medians[best], MIN_SIGMA_DEG)), f"gravity is used: {said}"
+        raise InputError(
+            f"{accelerometer.source}: disagrees with {len(sure)} sure edges by {medians[best]:.1f} deg (median), "
+            f"whatever the sensor's axes (best: {_named(axes[best])}); is it of this recording, on the same clock? "
+            "Leave --gravity out, or widen gravity.max_median_deg"
+        )
+    found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG))
+    note = (
+        f"gravity is used: {medians[best]:.1f} deg from {len(sure)} sure edges (median), "
+        f"with the sensor's axes as {_named(axes[best])}{_rivals(axes, medians, best, accelerometer.up[known])}"
+    )
+    return found, note
+
+
+def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats) -> str:
+    """What to add where other axes, under which up is elsewhere, agree nearly as well with the edges."""
+    apart = [np.median((up @ axes[best].T * (up @ M.T)).sum(axis=1)) < RIVAL_COSINE for M in axes]
+    rivals = [k for k in range(len(axes)) if apart[k] and medians[k] * MAX_AXES_RATIO < medians[best]]
+    if not rivals:
+        return ""
+    closest = min(rivals, key=lambda k: medians[k])
+    return f" (not certain: {_named(axes[closest])} is {medians[closest]:.1f} deg off)"
 
 
 def with_gravity(
@@ -89,7 +100,7 @@ def with_gravity(
     Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_bridge_inliers`
     inliers they need no loop of edges that confirms them.
     """
-    known = np.isfinite(vertical.up_cam).all(axis=1)
+    known = np.all(np.isfinite(vertical.up_cam), axis=1)
     weak = {(e.i, e.j): e for e in edges if e.verdict != VERIFIED and known[e.i] and known[e.j]}
     better = dict(weak)
     open_edges = {pair: matches[pair] for pair in weak}

@@ -9,7 +9,7 @@ from miniloop_cli.config import Settings
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
-from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.priors import Priors, Vertical
 from miniloop_cli.verification.gravity import checked, with_gravity
 from miniloop_cli.verification.pose_prior import reject_by_pose_prior
 
@@ -24,14 +24,14 @@ def apply_priors(
     settings: Settings,
     seed: int,
     workers: Workers,
-) -> tuple[list[Edge], tuple[str, ...]]:
-    """The edges after gravity and rough poses, where they were given, and what is to be said of it.
+) -> tuple[list[Edge], Vertical | None, tuple[str, ...]]:
+    """The edges after gravity and rough poses, where they were given; the vertical; and what is to be said of it.
 
-    Raises InputError for rough poses that most edges contradict.
+    Raises InputError for an accelerometer or for rough poses that most edges contradict.
     """
-    notes = []
-    if priors.up_sensor is not None:
-        vertical, note = checked(edges, priors.up_sensor, settings.gravity)
+    notes, vertical = [], None
+    if priors.accelerometer is not None:
+        vertical, note = checked(edges, priors.accelerometer, settings.gravity)
         notes.append(note)
         if vertical is None:
             LOG.warning("%s", note)
@@ -43,4 +43,4 @@ def apply_priors(
         against = sum("rough poses" in edge.reason for edge in edges)
         notes.append(f"rough poses are used: {against} edges contradict them")
         LOG.info("%s", notes[-1])
-    return edges, tuple(notes)
+    return edges, vertical, tuple(notes)
