@@ -60,7 +60,7 @@ def checked(edges: Sequence[Edge], accelerometer: Accelerometer, settings: Gravi
     axes = _axes()
     medians = [float(np.median(disagreement_deg(sure, accelerometer.up @ M.T))) for M in axes]
     best = int(np.argmin(medians))
-    if medians[0] <= settings.max_median_deg and medians[best] > MAX_AXES_RATIO * medians[0]:
+    if medians[0] <= settings.max_median_deg and max(medians[best], MIN_SIGMA_DEG) > MAX_AXES_RATIO * medians[0]:
         best = 0
     if medians[best] > settings.max_median_deg:
         raise InputError(
@@ -79,7 +79,8 @@ def checked(edges: Sequence[Edge], accelerometer: Accelerometer, settings: Gravi
 def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats) -> str:
     """What to add where other axes, under which up is elsewhere, agree nearly as well with the edges."""
     apart = [np.median((up @ axes[best].T * (up @ M.T)).sum(axis=1)) < RIVAL_COSINE for M in axes]
-    rivals = [k for k in range(len(axes)) if apart[k] and medians[k] * MAX_AXES_RATIO < medians[best]]
+    limit = max(medians[best], MIN_SIGMA_DEG) / MAX_AXES_RATIO
+    rivals = [k for k in range(len(axes)) if apart[k] and medians[k] < limit]
     if not rivals:
         return ""
     closest = min(rivals, key=lambda k: medians[k])
