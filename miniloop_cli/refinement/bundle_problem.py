@@ -83,21 +83,24 @@ class Bundle:
         return pose(self.state.R, self.state.t + self.origin)
 
     def propose(self, damping: float) -> tuple[float, float]:
-        S, g = self.reduced(self.tracks, self.state.seen, damping)
+        S, g, L = self.reduced(self.tracks, self.state.seen, damping)
         S[lost(S, len(g))] = np.eye(6)  # they stay
-        self._proposal = self._moved(self.system.solve(S, -g), damping)
+        self._proposal = self._moved(self.system.solve(S, -g), L)
         return self.state.cost, self._proposal.cost
 
     def accept(self) -> None:
         self.state = self._proposal
 
-    def reduced(self, tracks: TrackRows, seen: PointEquations, damping: float) -> tuple[Floats, Floats]:
-        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system: these rows, and all pose terms."""
-        R, n = self.state.R, len(self.state.R)
+    def reduced(self, tracks: TrackRows, seen: PointEquations, damping: float) -> tuple[Floats, Floats, Floats]:
+        """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system: these rows, and all pose terms.
+
+        Also the factors (p, 3, 3) of the points' own blocks, from which a step of the poses gives that of the points.
+        """
+        R, n, L = self.state.R, len(self.state.R), np.zeros((len(self.state.X), 3, 3))
 
         def chunk(low: int, high: int) -> tuple[Floats, Floats]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((n, 6))
-            reduce_tracks(low, high, tracks, seen, R, damping, self._table, S, g)
+            reduce_tracks(low, high, tracks, seen, R, damping, self._table, S, g, L)
             return S, g
 
         parts = self._in_chunks(chunk)
@@ -106,7 +109,7 @@ class Bundle:
             S, g = S + more_S, g + more_g
         S[:n] = np.triu(S[:n]) + np.triu(S[:n], 1).transpose(0, 2, 1)
         add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, damping, self.system, S, g)
-        return S, g
+        return S, g, L
 
     def covariance(self, anchor: Ints, part: Ints) -> Floats:
         """(n, 6, 6) marginal covariances of the poses at a minimum, given the anchors of their groups (n,).
@@ -124,7 +127,7 @@ class Bundle:
         diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
         for number, left in enumerate(remaining_fraction(part)):
             kept = part != number
-            S, g = self.reduced(self.tracks.subset(kept), self.state.seen.subset(kept), _TIE)
+            S, g, _ = self.reduced(self.tracks.subset(kept), self.state.seen.subset(kept), _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
             group = components(n, self.pairs[S[n:].any(axis=(1, 2))])
@@ -141,13 +144,13 @@ class Bundle:
         seen, cost = point_equations(self.point_terms, p_cam, self._least_curvature)
         return State(R, t, X, seen, cost + pose_cost(self.pose_terms, pose(R, t + self.origin)))
 
-    def _moved(self, step: Floats, damping: float) -> State:
-        """After the pose step (n, 6) and the points' that go with it."""
+    def _moved(self, step: Floats, L: Floats) -> State:
+        """After the pose step (n, 6) and the points' that go with it, L (p, 3, 3) as `reduced` gives them."""
         R, t, X, seen, _ = self.state
         X_new = X.copy()
 
         def chunk(low: int, high: int) -> None:
-            step_tracks(low, high, self.tracks, seen, R, damping, step, X_new)
+            step_tracks(low, high, self.tracks, seen, R, L, step, X_new)
 
         self._in_chunks(chunk)
         R_new = np.ascontiguousarray(R @ exp_so3(step[:, :3]))

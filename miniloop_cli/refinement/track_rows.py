@@ -40,7 +40,8 @@ def camera_points(tracks: TrackRows, R: Floats, t: Floats, X: Floats) -> Floats:
     for p in range(len(tracks.start) - 1):
         for k in range(tracks.start[p], tracks.start[p + 1]):
             f = tracks.frame[k]
-            a, b, c = X[p, 0] - t[f, 0], X[p, 1] - t[f, 1], X[p, 2] - t[f, 2]
             for i in range(3):
-                p_cam[i, k] = R[f, 0, i] * a + R[f, 1, i] * b + R[f, 2, i] * c
+                p_cam[i, k] = 0.0
+                for c in range(3):
+                    p_cam[i, k] += R[f, c, i] * (X[p, c] - t[f, c])
     return p_cam

@@ -71,15 +71,16 @@ def checked(edges: Sequence[Edge], accelerometer: Accelerometer, settings: Gravi
     found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG))
     note = (
         f"gravity is used: {medians[best]:.1f} deg from {len(sure)} sure edges (median), "
-        f"with the sensor's axes as {_named(axes[best])}{_rivals(axes, medians, best, accelerometer.up[known])}"
+        f"with the sensor's axes as {_named(axes[best])}"
+        f"{_rivals(axes, medians, best, accelerometer.up[known], settings.max_median_deg)}"
     )
     return found, note
 
 
-def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats) -> str:
-    """What to add where other axes, under which up is elsewhere, agree nearly as well with the edges."""
+def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats, most_deg: float) -> str:
+    """What to add where other axes, under which up is elsewhere, agree nearly as well, and within most_deg."""
     apart = [np.median((up @ axes[best].T * (up @ M.T)).sum(axis=1)) < RIVAL_COSINE for M in axes]
-    limit = max(medians[best], MIN_SIGMA_DEG) / MAX_AXES_RATIO
+    limit = min(max(medians[best], MIN_SIGMA_DEG) / MAX_AXES_RATIO, most_deg)
     rivals = [k for k in range(len(axes)) if apart[k] and medians[k] < limit]
     if not rivals:
         return ""
