@@ -39,8 +39,8 @@ def reduce_tracks(
     """Add the tracks low..high - 1 to the reduced system.
 
     R (n, 3, 3) rotations of the poses; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the reduced
-    gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it. L
-    (p, 3, 3) gets the factors of the points' own blocks, damped, with the inverses of their diagonals upon the diagonal.
+    gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
+    L (p, 3, 3) gets the factors of the points' own blocks, damped, with the inverses of their diagonals on the diagonal.
     """
     longest = 0
     for p in range(low, high):
