@@ -70,7 +70,7 @@ def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats,
     # Frames whose windows overlap share readings: all of them together must not count for more than the readings.
     step_s = float(np.median(np.diff(stamps_s[frames]))) if len(frames) > 1 else np.inf
     sharing = max(1.0, 2 * np.sqrt(np.pi) * WINDOW_S / max(step_s, 1e-3))
-    # A file may hold the direction of gravity, downwards, as well: then the motion has the other sign.
+    # Readings may point downwards at rest: then the motion in them has the other sign, too.
     still, moving, inverted = (_fit(R, force, sign * own, sharing) for sign in (0.0, 1.0, -1.0))
     best = moving if moving.noise_rad < LEAST_GAIN * still.noise_rad else still
     if inverted.noise_rad < LEAST_GAIN * best.noise_rad:

@@ -40,7 +40,7 @@ def reduce_tracks(
 
     R (n, 3, 3) rotations of the poses; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the reduced
     gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
-    L (p, 3, 3) gets the factors of the points' own blocks, damped, with the inverses of their diagonals on the diagonal.
+    L (p, 3, 3) gets the factors of the points' own blocks, damped; on its diagonals are the inverses of the factors'.
     """
     longest = 0
     for p in range(low, high):
