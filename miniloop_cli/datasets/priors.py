@@ -11,7 +11,7 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.priors import Accelerometer, Priors
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bools
 
@@ -22,15 +22,16 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
     Raises InputError naming file and line for what cannot be read, and for files of another time.
     """
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
-    up = T = None
+    accelerometer = T = None
     if gravity is not None:
-        up = verticals(*read_accelerometer(gravity), stamps)
-        _require(np.asarray(np.isfinite(up).all(axis=1)), gravity, "readings")
+        read_s, readings = read_accelerometer(gravity)
+        accelerometer = Accelerometer(read_s, readings, verticals(read_s, readings, stamps), shown(Path(gravity)))
+        _require(np.all(np.isfinite(accelerometer.up), axis=1), gravity, "readings")
     if poses is not None:
         T, near = associate(stamps, read_trajectory(poses))
         T = np.where(near[:, None, None], T, np.nan)
         _require(near, poses, "poses")
-    return Priors(up, T)
+    return Priors(accelerometer, T)
 
 
 def _require(known: Bools, path: Path | str, what: str) -> None:
