@@ -1,11 +1,16 @@
 """The vertical of the world from an accelerometer in a moving hand, whose axes are a little askew."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.gravity import GRAVITY_M_S2, felt, upright
-from miniloop_cli.scene.priors import Accelerometer
+from miniloop_cli.refinement.inputs import Scans
+from miniloop_cli.refinement.joint import level
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.priors import Accelerometer, Vertical
 
 ASKEW = se3.exp_so3(np.radians([1.5, -2.0, 1.0]))
 WORLD = se3.pose(se3.exp_so3(np.array([1.8, 0.3, -0.2])), np.array([3.0, -1.0, 2.0]))  # not level, as images leave it
@@ -68,3 +73,15 @@ def test_no_readings_no_vertical(rng):
     accelerometer = readings(rng, stamps_s)
     accelerometer.up[:] = np.nan
     assert upright(accelerometer, pose_at(stamps_s), stamps_s, np.ones(20, bool)) is None
+
+
+def test_poses_that_are_not_refined_are_laid_level_too(rng):
+    stamps_s = 100 + np.arange(0, 20, 0.2)
+    poses = Poses(WORLD @ pose_at(stamps_s), np.zeros(100, int))
+    scans = Scans([], [], stamps_s, stamps_s, None)
+    assert level(poses, scans) == (poses, [])
+    scans = replace(scans, vertical=Vertical(readings(rng, stamps_s), 3.0))
+    found, terms = level(poses, scans)
+    off = np.degrees(np.arccos(np.clip((found.T_world_cam[:, 2, :3] * pose_at(stamps_s)[:, 2, :3]).sum(axis=1), -1, 1)))
+    assert off.max() < 0.3
+    assert len(terms) == 1
