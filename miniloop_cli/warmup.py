@@ -3,8 +3,8 @@
 Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time.
 So a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It uses the later stages on a few
 made-up scans and leaves the compiled kernels in numba's cache, where the run finds them. Its order keeps the two from
-compiling the same: first what all edges need, while the run still extracts and matches features; then all but the
-5-cycle, with which the run begins to solve edges. The same command makes a fresh installation ready, e.g. as the last
+compiling the same: first what all edges need, while the run still extracts and matches features; then, while the run
+begins with 5-cycles, the solver that it comes to next and the stages that follow. The same command makes a fresh installation ready, e.g. as the last
 step of a container image.
 """
 
@@ -45,7 +45,7 @@ def compile_in_background() -> subprocess.Popen[bytes] | None:
 
 
 def warm_up() -> None:
-    """Solve pairs, average, refine, and solve cycles, on scans of a made-up cloud of points."""
+    """Solve a pair, refine, average, and solve cycles, on scans of a made-up cloud of points."""
     from miniloop_cli.config import Settings
     from miniloop_cli.geometry import se3
     from miniloop_cli.geometry.camera import Camera
@@ -88,11 +88,11 @@ def warm_up() -> None:
         solve_cycles(ring, points, settings.estimation, 0, workers)
 
     solve(2)
-    for name in ("cycle4", "cycle3"):
-        solver = load(name)
-        solver.solve_batch(cloud[None, : sum(solver.matches)], cloud[None, : sum(solver.matches)])
-    average_verified(edges, SCANS, settings.averaging)
+    cycle4 = load("cycle4")
+    sample = cloud[None, : sum(cycle4.matches)]
+    cycle4.solve_batch(sample, sample)
     refine_jointly(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings.refine, settings.bundle, workers)
+    average_verified(edges, SCANS, settings.averaging)
     for count in (3, 4, 5):
         solve(count)
 
