@@ -1,11 +1,11 @@
 """Compilation ahead: on a first run, a second process compiles kernels of later stages during the earlier ones.
 
-Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time.
-So a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It uses the later stages on a few
-made-up scans and leaves the compiled kernels in numba's cache, where the run finds them. Its order keeps the two from
+Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time. So
+a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It uses the later stages on a few made-
+up scans and leaves the compiled kernels in numba's cache, where the run finds them. Its order keeps the two from
 compiling the same: first what all edges need, while the run still extracts and matches features; then, while the run
-begins with 5-cycles, the solver that it comes to next and the stages that follow. The same command makes a fresh installation ready, e.g. as the last
-step of a container image.
+begins with 5-cycles, the solver that it comes to next and the stages that follow. The same command makes a fresh
+installation ready, e.g. as the last step of a container image.
 """
 
 from __future__ import annotations
