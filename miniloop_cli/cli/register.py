@@ -44,7 +44,7 @@ MOST_REASONS = 8  # that the summary shows
     "--gravity",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Accelerometer readings (timestamp ax ay az): the known vertical confirms weak edges.",
+    help="Accelerometer readings (timestamp ax ay az): they confirm weak edges and level the model, z up.",
 )
 @click.option(
     "--pose-prior",
@@ -155,7 +155,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
     """What was found, as a table that fits 80 columns; the verdict last."""
     import numpy as np
 
-    from miniloop_cli.results.assessment import runs
+    from miniloop_cli.results.facts import runs
     from miniloop_cli.results.tables import frame_status
 
     seconds = numbers["timings_s"]

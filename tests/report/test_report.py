@@ -20,8 +20,9 @@ from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.page import write_report
 from miniloop_cli.report.sections import edge_rows
 from miniloop_cli.report.templating import render
-from miniloop_cli.results.assessment import Level, judge, runs
+from miniloop_cli.results.assessment import Level, judge
 from miniloop_cli.results.columns import load
+from miniloop_cli.results.facts import runs
 from miniloop_cli.results.ply import read_ply, write_ply
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.scene.sequence import Trajectory
