@@ -229,7 +229,7 @@ def test_verdicts(run):
     (run.results / "edges.csv").write_text(edges)
     verdict = judge(load(run.results).columns)
     assert verdict.level == Level.DOUBTFUL
-    assert "doubtful" in verdict.headline
+    assert "the edges disagree with the poses as a whole" in verdict.headline
     assert any("depth_scale" in advice for advice in verdict.advice)
 
 
