@@ -60,7 +60,9 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
     width, height, scale = int(values["width"]), int(values["height"]), float(values["depth_scale"])
     camera = Camera(fx, fy, cx, cy, width, height, scale, _lens(values, where), source=source)
     if fault := camera.lens_fault():
-        raise ConfigError(f"{where}: {fault}; calibrate anew with views that fill the image, or undistort it first")
+        raise ConfigError(
+            f"{where}: {fault}; give all its coefficients, calibrate with views that fill the image, or undistort first"
+        )
     return camera
 
 
@@ -69,8 +71,9 @@ def require_known(values: Iterable[Any], known: Iterable[str], where: str) -> No
     known = list(known)
     for key in values:
         if key not in known:
-            near = difflib.get_close_matches(str(key)[:40], known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+            spelled = {name.lower(): name for name in known}
+            near = difflib.get_close_matches(str(key)[:40].lower(), spelled, n=1)
+            hint = f"did you mean '{spelled[near[0]]}'?" if near else f"known are {', '.join(known)}"
             raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")
 
 

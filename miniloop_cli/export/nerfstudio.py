@@ -16,7 +16,7 @@ from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
 from miniloop_cli.export.undistort import undistorter, write_color, write_depth, write_png
 from miniloop_cli.geometry.conventions import OPENGL_AXES
-from miniloop_cli.geometry.lens import Lens
+from miniloop_cli.geometry.lens import PINHOLE, Lens
 from miniloop_cli.scene.sequence import DepthFormat, Sequence
 
 NOTE = (
@@ -29,7 +29,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     """transforms.json, with paths from `folder` to the recording's own images where they are files; cloud.ply."""
     sequence = model.recording
     lens = nerfstudio_lens(sequence.camera.lens)
-    camera = sequence.camera if lens else replace(sequence.camera, lens=Lens())
+    camera = sequence.camera if lens else replace(sequence.camera, lens=PINHOLE)
     undistort = undistorter(sequence.camera)
     start = folder.resolve()
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from miniloop_cli.geometry.lens import Lens
+from miniloop_cli.geometry.lens import PINHOLE, Lens
 from miniloop_cli.typing import Floats
 
 
@@ -34,7 +34,7 @@ class Camera:
     width: int
     height: int
     depth_scale: float = 5000.0
-    lens: Lens = Lens()
+    lens: Lens = PINHOLE
     noise: DepthNoise = DepthNoise()
     source: str = "given"
 

@@ -64,11 +64,14 @@ class Lens:
         return (np.inf, np.inf) if self.ideal else _FORMULAS[self.model].limit(self.coefficients)
 
 
+PINHOLE = Lens()
+
+
 def radial_tangential_lens(*coefficients: float) -> Lens:
     """The lens of up to 8 coefficients k1 k2 p1 p2 k3 k4 k5 k6, missing ones 0; a pinhole if all are."""
     c = tuple(float(value) for value in coefficients) + (0.0,) * (8 - len(coefficients))
     if not any(c):
-        return Lens()
+        return PINHOLE
     return Lens("radial-tangential", c if any(c[5:]) else c[:5])
 
 

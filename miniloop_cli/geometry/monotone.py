@@ -41,7 +41,7 @@ def invert_increasing(
         low, high = np.where(difference < 0, x, low), np.where(difference < 0, high, x)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             step = x - difference / slope(x)
-        following = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        following = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
         if (np.abs(following - x) <= 1e-15 * np.abs(x)).all():
             break
         x = following

@@ -99,10 +99,11 @@ def _newton(xy_measured: Floats, c: Coefficients) -> Floats:
             return np.nan_to_num(r * a(r * r) / b(r * r), nan=np.inf)
 
     ideal_radius = invert_increasing(value, lambda r: slope(r * r) / b(r * r) ** 2, radius, end * (1 - 1e-12))
-    xy = xy_measured * (ideal_radius / np.where(radius > 0, radius, 1.0))[:, None]
+    start = xy = xy_measured * (ideal_radius / np.where(radius > 0, radius, 1.0))[:, None]
     for _ in range(20):
         residual, J = distort(xy, c) - xy_measured, jacobian(xy, c)
         steady = np.isfinite(residual).all(axis=1) & (np.abs(np.linalg.det(J)) > 1e-12)
         J = np.where(steady[:, None, None], J, np.eye(2))
         xy = xy - np.linalg.solve(J, np.where(steady[:, None], residual, 0.0)[:, :, None])[:, :, 0]
-    return xy
+    arrived = np.abs(distort(xy, c) - xy_measured).max(axis=1) < 1e-9
+    return np.where(arrived[:, None], xy, start)

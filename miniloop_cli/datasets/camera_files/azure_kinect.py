@@ -10,8 +10,12 @@ import re
 
 from miniloop_cli.datasets.camera_files.fields import Fields, Reading, Values, depth_scale
 
-USED = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "codx", "cody", "width", "height")
-USED += ("resolution_width", "resolution_height", "type", "model", "ModelType")
+USED = tuple(
+    """
+    fx fy cx cy k1 k2 k3 k4 k5 k6 p1 p2 codx cody width height resolution_width resolution_height type
+    model ModelType
+    """.split()
+)
 IGNORED = ("metric_radius", "max_radius_for_projection", "metricRadius", "maxRadiusForProjection", "extrinsics")
 RAW = ("cx", "cy", "fx", "fy", "k1", "k2", "k3", "k4", "k5", "k6", "codx", "cody", "p2", "p1")
 SIZES = (("width", "height"), ("resolution_width", "resolution_height"))

@@ -37,7 +37,9 @@ def read(text: str, where: str, image_size: tuple[int, int] | None) -> Reading:
             if name in cameras:
                 raise ConfigError(f"{where}:{number}: {name} stands twice")
             cameras[name] = values
-    different = {tuple(sorted(values.items())): name for name, values in reversed(cameras.items())}
+    different: dict[tuple[tuple[str, float], ...], str] = {}
+    for name, values in cameras.items():
+        different.setdefault(tuple(values.items()), name)
     sizes = {name: (cameras[name]["width"], cameras[name]["height"]) for name in different.values()}
     name = choose_by_size(Fields({}, where, image_size), sizes, "cameras")
     return Reading(cameras[name], f"{name} of {len(cameras)}" if len(cameras) > 1 else "")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,11 +69,14 @@ class Fields:
         """A list of finite numbers, of one of the lengths; also nested, or a matrix of OpenCV or ROS."""
         value = self._get(key, what)
         if isinstance(value, dict):
-            shape = [value.get("rows"), value.get("cols")]
-            value = value.get("data")
-            if all(map(_is_number, shape)) and isinstance(value, list) and shape[0] * shape[1] != len(value):
-                raise self.fault(f"{key} has {len(value)} numbers, not {shape[0]:g} rows of {shape[1]:g}")
-        found = _flat(value) if isinstance(value, list) else []
+            rows, columns, value = value.get("rows"), value.get("cols"), value.get("data")
+            if (
+                isinstance(rows, int | float)
+                and isinstance(columns, int | float)
+                and rows * columns != len(_flat(value))
+            ):
+                raise self.fault(f"{key} has {len(_flat(value))} numbers, not {rows:g} rows of {columns:g}")
+        found = _flat(value)
         if isinstance(value, list) and len(found) in counts and all(map(_is_number, found)):
             return [float(number) for number in found]
         lengths = f"up to {counts[-1]}" if isinstance(counts, range) else " or ".join(map(str, counts))
@@ -108,8 +111,10 @@ def _is_number(value: Any) -> bool:
     )
 
 
-def _flat(values: list[Any]) -> list[Any]:
-    """A list, or a list of lists, as one list."""
+def _flat(values: Any) -> list[Any]:
+    """A list, or a list of lists, as one list; empty for anything else."""
+    if not isinstance(values, list):
+        return []
     found = [number for value in values[:MOST_NUMBERS] for number in (value if isinstance(value, list) else [value])]
     return found[:MOST_NUMBERS]
 
@@ -151,7 +156,7 @@ def depth_scale(fields: Fields, *keys: str) -> Values:
     return {}
 
 
-def choose_by_size(fields: Fields, cameras: dict[str, Size], what: str) -> str:
+def choose_by_size(fields: Fields, cameras: Mapping[str, tuple[float, float]], what: str) -> str:
     """The one camera of several that has the images' size. Raises ConfigError where none or several do."""
     if len(cameras) == 1:
         return next(iter(cameras))

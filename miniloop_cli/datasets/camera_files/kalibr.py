@@ -15,8 +15,12 @@ from miniloop_cli.datasets.camera_files.fields import (
 )
 
 USED = ("camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution")
-IGNORED = ("T_cn_cnm1", "T_cam_imu", "T_imu_cam", "T_cam_lidar", "T_BS", "timeshift_cam_imu", "cam_overlaps")
-IGNORED += ("rostopic", "rate_hz", "sensor_type", "comment", "intrinsic_matrix", "image_topic", "label", "id")
+IGNORED = tuple(
+    """
+    T_cn_cnm1 T_cam_imu T_imu_cam T_cam_lidar T_BS timeshift_cam_imu cam_overlaps rostopic rate_hz
+    sensor_type comment intrinsic_matrix image_topic label id
+    """.split()
+)
 _CAMERA = re.compile(r"cam\d{1,4}\Z", re.ASCII)
 
 

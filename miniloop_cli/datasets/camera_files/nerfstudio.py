@@ -10,9 +10,13 @@ from miniloop_cli.datasets.camera_files.fields import Fields, Reading, Values, f
 PINHOLE = ("fl_x", "fl_y", "cx", "cy")
 LENS = ("camera_model", "k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye")
 USED = (*PINHOLE, *LENS, "w", "h", "depth_unit_scale_factor", "frames")
-IGNORED = ("note", "applied_transform", "applied_scale", "ply_file_path", "camera_angle_x", "camera_angle_y", "offset")
-IGNORED += ("aabb_scale", "scale", "aabb", "train_filenames", "val_filenames", "test_filenames", "orientation_override")
-IGNORED += ("auto_scale_poses_override", "fps", "up", "white_transparent", "sharpness", "integer_depth_scale", "aabb")
+IGNORED = tuple(
+    """
+    note applied_transform applied_scale ply_file_path camera_angle_x camera_angle_y offset aabb_scale
+    scale aabb train_filenames val_filenames test_filenames orientation_override
+    auto_scale_poses_override fps up white_transparent sharpness integer_depth_scale
+    """.split()
+)
 
 
 def matches(data: dict) -> bool:

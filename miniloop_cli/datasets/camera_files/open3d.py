@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from miniloop_cli.datasets.camera_files.fields import Fields, Reading, Values, depth_scale, pinhole
 
-IGNORED = ("class_name", "version_major", "version_minor", "extrinsic", "color_mode", "depth_mode", "serial_number_")
-IGNORED += ("serial_number", "stream_length_usec", "color_format", "depth_format", "device_name", "fps", "name")
+IGNORED = tuple(
+    """
+    class_name version_major version_minor extrinsic color_mode depth_mode serial_number_ serial_number
+    stream_length_usec color_format depth_format device_name fps name
+    """.split()
+)
 
 
 def matches(data: dict) -> bool:

@@ -18,12 +18,16 @@ SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"), ("wid
 ROS_LENSES = {"plumb_bob": opencv_lens, "rational_polynomial": opencv_lens}
 ROS_LENSES |= {"radtan": opencv_lens, "equidistant": fisheye_lens, "fisheye": fisheye_lens}
 # What OpenCV's calibration sample and ROS write besides.
-IGNORED = ("calibration_time", "nframes", "nr_of_frames", "nrOfFrames", "board_width", "board_height", "board_Width")
-IGNORED += ("board_Height", "square_size", "square_Size", "FixAspectRatio", "aspectRatio", "flags", "flagValue")
-IGNORED += ("avg_reprojection_error", "Avg_Reprojection_Error", "per_view_reprojection_errors", "image_points")
-IGNORED += ("Per_View_Reprojection_Errors", "Image_points", "grid_points", "extrinsic_parameters", "marker_size")
-IGNORED += ("Extrinsic_Parameters", "calibration_Time", "calibration_flags", "nr_of_views", "rms", "RMS", "error")
-IGNORED += ("camera_name", "rectification_matrix", "projection_matrix", "header", "R", "P", "r", "p", "format")
+IGNORED = tuple(
+    """
+    calibration_time nframes nr_of_frames nrOfFrames board_width board_height board_Width board_Height
+    square_size square_Size FixAspectRatio aspectRatio flags flagValue avg_reprojection_error
+    Avg_Reprojection_Error per_view_reprojection_errors image_points Per_View_Reprojection_Errors
+    Image_points grid_points extrinsic_parameters marker_size Extrinsic_Parameters calibration_Time
+    calibration_flags nr_of_views rms RMS error camera_name rectification_matrix projection_matrix
+    header R P r p format
+    """.split()
+)
 FULL_FRAME = ("binning_x", "binning_y", "roi")
 
 

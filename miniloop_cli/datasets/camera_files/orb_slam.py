@@ -25,8 +25,12 @@ CAMERA = (
     "model",
 )
 # Rates, baselines and orders of colours say nothing about the camera; other groups of keys (Viewer, IMU) neither.
-IGNORED = ("fps", "RGB", "bf", "b", "name", "setup", "color_order", "focal_x_baseline", "depth_threshold", "imageScale")
-IGNORED += ("newWidth", "newHeight", "overlappingBegin", "overlappingEnd", "lappingBegin", "lappingEnd", "ThDepth")
+IGNORED = tuple(
+    """
+    fps RGB bf b name setup color_order focal_x_baseline depth_threshold imageScale newWidth newHeight
+    overlappingBegin overlappingEnd lappingBegin lappingEnd ThDepth
+    """.split()
+)
 DEPTH = ("DepthMapFactor", "RGBD.DepthMapFactor", "Camera.depthmap_factor", "depthmap_factor", "depth_scale")
 
 

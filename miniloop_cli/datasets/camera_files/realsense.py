@@ -1,4 +1,4 @@
-"""RealSense: intrinsics as JSON or YAML by the SDK's names (ppx, ppy, coeffs), and what rs-enumerate-devices -c prints."""
+"""RealSense: intrinsics by the SDK's names (ppx, ppy, coeffs), and what `rs-enumerate-devices -c` prints."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ from miniloop_cli.datasets.camera_files.fields import (
 )
 
 USED = ("width", "height", "fx", "fy", "ppx", "ppy", "coeffs", "model", "distortion", "distortion_model", "fov_deg")
-IGNORED = ("fov", "fov_deg", "hfov", "vfov", "format", "fps", "stream", "serial", "serial_number", "device_serial")
-IGNORED += ("device", "name", "index", "extrinsics", "firmware")
+IGNORED = tuple(
+    """
+    fov fov_deg hfov vfov format fps stream serial serial_number device_serial device name index
+    extrinsics firmware
+    """.split()
+)
 DEPTH = ("depth_scale", "depth_units")
 MODELS = ("none", "modifiedbrownconrady", "inversebrownconrady", "ftheta", "brownconrady", "kannalabrandt4")
 _HEADER = re.compile(r'\s*Intrinsic of "([^"]{1,40})"')

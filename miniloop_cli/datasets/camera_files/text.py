@@ -85,7 +85,7 @@ def _loader() -> type:
     import yaml
 
     class CameraLoader(yaml.SafeLoader):
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
             keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
             for k, key in enumerate(keys):
                 if key in keys[:k]:
@@ -94,6 +94,9 @@ def _loader() -> type:
                     )
             return super().construct_mapping(node, deep)
 
+    def matrix(loader: CameraLoader, node: yaml.MappingNode) -> Any:
+        return loader.construct_mapping(node, deep=True)
+
     numbers = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float", "tag:yaml.org,2002:timestamp")
     CameraLoader.yaml_implicit_resolvers = {
         first: [(tag, pattern) for tag, pattern in resolvers if tag not in numbers]
@@ -101,7 +104,7 @@ def _loader() -> type:
     }
     CameraLoader.add_implicit_resolver(numbers[0], _INTEGER, list("-+0123456789"))
     CameraLoader.add_implicit_resolver(numbers[1], _FLOAT, list("-+.0123456789"))
-    CameraLoader.add_constructor(_MATRIX_TAG, lambda loader, node: loader.construct_mapping(node, deep=True))
+    CameraLoader.add_constructor(_MATRIX_TAG, matrix)
     return CameraLoader
 
 
