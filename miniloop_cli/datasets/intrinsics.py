@@ -71,7 +71,7 @@ def require_known(values: Iterable[Any], known: Iterable[str], where: str) -> No
     known = list(known)
     for key in values:
         if key not in known:
-            spelled = {name.lower(): name for name in known}
+            spelled = {name.lower(): name for name in reversed(known)}
             near = difflib.get_close_matches(str(key)[:40].lower(), spelled, n=1)
             hint = f"did you mean '{spelled[near[0]]}'?" if near else f"known are {', '.join(known)}"
             raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")

@@ -464,6 +464,8 @@ REFUSED = {
         ORB_SLAM2.replace("DepthMapFactor", "DepthMapFaktor"),
         "did you mean 'DepthMapFactor'",
     ),
+    "orb-slam group": ("a.yaml", ORB_SLAM2.replace("Camera.k1", "Camra.k1"), "unknown key 'Camra.k1'"),
+    "orb-slam rectified": ("a.yaml", ORB_SLAM2 + "Camera.type: Rectified\n", "coefficients of a lens under Camera"),
     "orb-slam lens": ("a.yaml", ORB_SLAM3.replace("KannalaBrandt8", "Omni"), "Camera.type is omni"),
     "orb-slam k4": ("a.yaml", ORB_SLAM3.replace("KannalaBrandt8", "PinHole"), "Camera1.k4 is of a fisheye lens"),
     "orb-slam fx": ("a.yaml", ORB_SLAM2.replace("Camera.fx: 517.3", "Camera.fx: 517,3"), "Camera.fx must be a finite"),

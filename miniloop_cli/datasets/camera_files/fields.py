@@ -14,6 +14,7 @@ from miniloop_cli.errors import printable as shown
 Values = dict[str, Any]  # by the keys of our own camera.yaml
 Size = tuple[int, int]  # width, height (px)
 MOST_NUMBERS = 1000
+MATRIX = ("rows", "cols", "data", "dt", "type_id")  # what OpenCV and ROS write of one
 SIZE = "the size in pixels of the images that it was calibrated for"
 
 
@@ -69,6 +70,7 @@ class Fields:
         """A list of finite numbers, of one of the lengths; also nested, or a matrix of OpenCV or ROS."""
         value = self._get(key, what)
         if isinstance(value, dict):
+            require_known(value, MATRIX, f"{self.place}: {key}")
             rows, columns, value = value.get("rows"), value.get("cols"), value.get("data")
             if (
                 isinstance(rows, int | float)
@@ -83,10 +85,8 @@ class Fields:
         raise self.fault(f"{key} must have {lengths} finite numbers")
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A word, in lower case; `default` where the key is missing or says nothing."""
-        value = self.data.get(key)
-        if value is None and default is not None:
-            return default
+        """A word, in lower case; `default`, where there is one, if the key is missing."""
+        value = self._get(key, "a word") if default is None else self.data.get(key, default)
         if not isinstance(value, str):
             raise self.fault(f"{key} must be a word")
         return value.strip().lower()
@@ -112,11 +112,13 @@ def _is_number(value: Any) -> bool:
 
 
 def _flat(values: Any) -> list[Any]:
-    """A list, or a list of lists, as one list; empty for anything else."""
-    if not isinstance(values, list):
+    """A list, or a list of lists of one length, as one list; empty for anything else."""
+    if not isinstance(values, list) or len(values) > MOST_NUMBERS:
         return []
-    found = [number for value in values[:MOST_NUMBERS] for number in (value if isinstance(value, list) else [value])]
-    return found[:MOST_NUMBERS]
+    lengths = {len(value) if isinstance(value, list) else None for value in values}
+    if lengths <= {None}:
+        return values
+    return [number for value in values for number in value] if len(lengths) == 1 else []
 
 
 def pinhole(fields: Fields, K: Sequence[float], key: str) -> Values:

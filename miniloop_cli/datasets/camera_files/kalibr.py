@@ -58,7 +58,7 @@ def _size(camera: Fields) -> tuple[float, float] | None:
 
 def _camera(camera: Fields) -> Values:
     camera.known((*USED, "depth_scale"), IGNORED)
-    model = camera.text("camera_model", "pinhole")
+    model = camera.text("camera_model")
     if model != "pinhole":
         raise camera.fault(f"camera_model is {model}; known is pinhole: calibrate with pinhole-radtan or pinhole-equi")
     values = dict(zip(("fx", "fy", "cx", "cy"), camera.numbers("intrinsics", (4,)), strict=True))
@@ -66,7 +66,7 @@ def _camera(camera: Fields) -> Values:
         zip(("width", "height"), camera.numbers("resolution", (2,), f"[width, height], {SIZE}"), strict=True)
     )
     key = "distortion_coefficients" if "distortion_coefficients" in camera else "distortion_coeffs"
-    lens = camera.text("distortion_model", "none")
+    lens = camera.text("distortion_model")
     k = camera.numbers(key, range(15)) if key in camera or lens not in ("none", "") else []
     if lens == "equidistant":
         return values | fisheye_lens(camera, k)

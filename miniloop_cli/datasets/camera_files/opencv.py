@@ -49,9 +49,12 @@ def read(fields: Fields) -> Reading:
     )
     key = _only(fields, DISTORTION)
     k = fields.numbers(key, range(15)) if key else []
+    if len(k) == 4 and "fisheye_model" not in fields and not _of_file_storage(fields.data[key]):
+        raise fields.fault("4 coefficients may be of either lens; add distortion_model: plumb_bob or equidistant")
     is_fisheye = "fisheye_model" in fields and fields.number("fisheye_model") != 0
     lens = fisheye_lens(fields, k) if is_fisheye else opencv_lens(fields, k)
-    return Reading(_matrix(fields) | _size(fields) | lens | depth_scale(fields, "depth_scale", "DepthMapFactor"))
+    values = _matrix(fields) | _size(fields) | lens | depth_scale(fields, "depth_scale", "DepthMapFactor")
+    return Reading(values, "" if key else "it states no distortion")
 
 
 def read_ros(fields: Fields) -> Reading:
@@ -69,6 +72,11 @@ def read_ros(fields: Fields) -> Reading:
         raise fields.fault(f"distortion_model is '{model}'; known are {', '.join(ROS_LENSES)}")
     lens = ROS_LENSES.get(model, opencv_lens)(fields, k)
     return Reading(_matrix(fields) | _size(fields) | lens | depth_scale(fields, "depth_scale"))
+
+
+def _of_file_storage(value: object) -> bool:
+    """Whether OpenCV wrote a matrix: it notes the type of the numbers."""
+    return isinstance(value, dict) and "dt" in value
 
 
 def _matrix(fields: Fields) -> Values:

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 from miniloop_cli.datasets.camera_files.fields import Fields, Reading, depth_scale, fisheye_lens, opencv_lens
 
 PINHOLE = ("pinhole", "rectified", "perspective")
 FISHEYE = ("kannalabrandt8", "fisheye")
-CAMERA = (
-    "fx",
-    "fy",
-    "cx",
-    "cy",
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-    "k4",
-    "width",
-    "height",
-    "cols",
-    "rows",
-    "type",
-    "model",
-)
+CAMERA = tuple("fx fy cx cy k1 k2 p1 p2 k3 k4 width height cols rows type model".split())
 # Rates, baselines and orders of colours say nothing about the camera; other groups of keys (Viewer, IMU) neither.
 IGNORED = tuple(
     """
@@ -32,6 +17,9 @@ IGNORED = tuple(
     """.split()
 )
 DEPTH = ("DepthMapFactor", "RGBD.DepthMapFactor", "Camera.depthmap_factor", "depthmap_factor", "depth_scale")
+
+OWN_GROUPS = ("Camera", "Camera1", "RGBD")
+NEAR = ("camera", "camera1", "rgbd", "depthmapfactor", "depthmap_factor", "depth_scale")
 
 
 def matches(data: dict) -> bool:
@@ -58,21 +46,22 @@ def read(fields: Fields) -> Reading:
     k = [fields.number(f"{own}.{name}") if f"{own}.{name}" in fields else 0.0 for name in names]
     if model not in FISHEYE and f"{own}.k4" in fields and fields.number(f"{own}.k4"):
         raise fields.fault(f"{own}.k4 is of a fisheye lens (Camera.type: KannalaBrandt8); this is {model}")
+    if model == "rectified" and any(k):
+        raise fields.fault(f"Camera.type is Rectified, but there are coefficients of a lens under {own}")
     lens = fisheye_lens(fields, k) if model in FISHEYE else opencv_lens(fields, k)
     return Reading(values | size | lens | depth_scale(fields, *DEPTH), "" if own == "Camera" else f"its {own}")
 
 
 def _check_keys(fields: Fields, own: str) -> None:
-    """Of the camera's group every key must be known; of the rest, those that are like one of ours."""
-    used = [*(f"{group}.{name}" for group in {"Camera", own} for name in CAMERA), *DEPTH]
-    # Camera2 is the second of a stereo pair. Keys with other groups' names belong to the program, as do flat ones.
-    foreign = [
-        key
-        for key in fields.data
-        if not str(key).startswith(("Camera.", "Camera1.")) and ("." in str(key) or isinstance(fields.data[key], dict))
-    ]
-    foreign = [key for key in foreign if not str(key).startswith("RGBD.")]
-    program = ("ThDepth", "depth_threshold", "bf", "thFarPoints", "loopClosing", "nNNKeypoint", "RGBD.ThDepth", "scale")
-    fields.known(
-        used, [*foreign, *program, *(f"{group}.{name}" for group in ("Camera", "Camera1") for name in IGNORED)]
-    )
+    """Of the camera's group every key must be known. Other groups (Viewer, IMU) and flat keys are the program's.
+
+    Raises ConfigError, also for a group or flat key that is nearly one of ours. Camera2 is the second of a pair.
+    """
+    used = [*(f"{group}.{name}" for group in sorted({"Camera", own}) for name in CAMERA), *DEPTH]
+    ignored = [f"{group}.{name}" for group in OWN_GROUPS for name in IGNORED] + list(IGNORED)
+    for key in map(str, fields.data):
+        group = key.lower().split(".")[0]
+        ours = group.startswith(("camera", "rgbd")) or get_close_matches(group, NEAR, n=1, cutoff=0.75)
+        if group == "camera2" or not ours:
+            ignored.append(key)
+    fields.known(used, ignored)
