@@ -132,7 +132,10 @@ def ros(t: Truth) -> str:
 
 
 def from_ros(d: Any) -> Truth:
-    return from_opencv(d)._replace(fisheye=d["distortion_model"] in ("equidistant", "fisheye"))
+    found = from_opencv(d)
+    if "distortion_model" not in d and len(found.lens) == 4:
+        raise ValueError("either lens")
+    return found._replace(fisheye=d.get("distortion_model") in ("equidistant", "fisheye"))
 
 
 def kalibr(t: Truth) -> str:

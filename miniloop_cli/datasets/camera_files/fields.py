@@ -72,14 +72,11 @@ class Fields:
         if isinstance(value, dict):
             require_known(value, MATRIX, f"{self.place}: {key}")
             rows, columns, value = value.get("rows"), value.get("cols"), value.get("data")
-            if (
-                isinstance(rows, int | float)
-                and isinstance(columns, int | float)
-                and rows * columns != len(_flat(value))
-            ):
-                raise self.fault(f"{key} has {len(_flat(value))} numbers, not {rows:g} rows of {columns:g}")
+            shaped = isinstance(rows, int | float) and isinstance(columns, int | float)
+            if shaped and isinstance(value, list) and rows * columns != len(value):
+                raise self.fault(f"{key} has {len(value)} numbers, not {rows:g} rows of {columns:g}")
         found = _flat(value)
-        if isinstance(value, list) and len(found) in counts and all(map(_is_number, found)):
+        if found is not None and len(found) in counts and all(map(_is_number, found)):
             return [float(number) for number in found]
         lengths = f"up to {counts[-1]}" if isinstance(counts, range) else " or ".join(map(str, counts))
         raise self.fault(f"{key} must have {lengths} finite numbers")
@@ -111,14 +108,14 @@ def _is_number(value: Any) -> bool:
     )
 
 
-def _flat(values: Any) -> list[Any]:
-    """A list, or a list of lists of one length, as one list; empty for anything else."""
+def _flat(values: Any) -> list[Any] | None:
+    """A list, or a list of lists of one length, as one list; None for anything else."""
     if not isinstance(values, list) or len(values) > MOST_NUMBERS:
-        return []
+        return None
     lengths = {len(value) if isinstance(value, list) else None for value in values}
     if lengths <= {None}:
         return values
-    return [number for value in values for number in value] if len(lengths) == 1 else []
+    return [number for value in values for number in value] if len(lengths) == 1 else None
 
 
 def pinhole(fields: Fields, K: Sequence[float], key: str) -> Values:

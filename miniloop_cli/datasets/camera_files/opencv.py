@@ -70,6 +70,8 @@ def read_ros(fields: Fields) -> Reading:
     k = fields.numbers(key, range(15)) if key else []
     if model not in ROS_LENSES and (k or model not in ("", "none")):
         raise fields.fault(f"distortion_model is '{model}'; known are {', '.join(ROS_LENSES)}")
+    if model == "plumb_bob" and any(k[5:]):
+        raise fields.fault("more than 5 coefficients; those of distortion_model: rational_polynomial are 8")
     lens = ROS_LENSES.get(model, opencv_lens)(fields, k)
     return Reading(_matrix(fields) | _size(fields) | lens | depth_scale(fields, "depth_scale"))
 
