@@ -72,8 +72,8 @@ class Fields:
         if isinstance(value, dict):
             require_known(value, MATRIX, f"{self.place}: {key}")
             rows, columns, value = value.get("rows"), value.get("cols"), value.get("data")
-            shaped = isinstance(rows, int | float) and isinstance(columns, int | float)
-            if shaped and isinstance(value, list) and rows * columns != len(value):
+            shape = [size for size in (rows, columns) if isinstance(size, int | float)]
+            if len(shape) == 2 and isinstance(value, list) and shape[0] * shape[1] != len(value):
                 raise self.fault(f"{key} has {len(value)} numbers, not {rows:g} rows of {columns:g}")
         found = _flat(value)
         if found is not None and len(found) in counts and all(map(_is_number, found)):

@@ -8,7 +8,8 @@ from miniloop_cli.datasets.camera_files.fields import Fields, Reading, depth_sca
 
 PINHOLE = ("pinhole", "rectified", "perspective")
 FISHEYE = ("kannalabrandt8", "fisheye")
-CAMERA = tuple("fx fy cx cy k1 k2 p1 p2 k3 k4 width height cols rows type model".split())
+LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4")
+IMAGE = ("width", "height", "cols", "rows", "type", "model")
 # Rates, baselines and orders of colours say nothing about the camera; other groups of keys (Viewer, IMU) neither.
 IGNORED = tuple(
     """
@@ -57,7 +58,7 @@ def _check_keys(fields: Fields, own: str) -> None:
 
     Raises ConfigError, also for a group or flat key that is nearly one of ours. Camera2 is the second of a pair.
     """
-    used = [*(f"{group}.{name}" for group in sorted({"Camera", own}) for name in CAMERA), *DEPTH]
+    used = [*(f"{own}.{name}" for name in LENS), *(f"Camera.{name}" for name in IMAGE), *DEPTH]
     ignored = [f"{group}.{name}" for group in OWN_GROUPS for name in IGNORED] + list(IGNORED)
     for key in map(str, fields.data):
         group = key.lower().split(".")[0]
