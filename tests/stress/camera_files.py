@@ -145,7 +145,7 @@ def kalibr(t: Truth) -> str:
 
 
 def from_kalibr(d: Any) -> Truth:
-    d = d["cam0"]
+    d = next(value for key, value in d.items() if re.fullmatch(r"cam\d+", str(key)))
     if d["camera_model"] != "pinhole":
         raise ValueError("no pinhole")
     return Truth(d["intrinsics"], d["resolution"], d["distortion_coeffs"], d["distortion_model"] == "equidistant")
@@ -339,6 +339,7 @@ def keys(found: Any, before: str = "") -> set[str]:
     """The names of all keys of a mapping, also of those in it."""
     if not isinstance(found, dict):
         return set()
+    found = {re.sub(r"^cam\d+$", "cam0", str(key)): value for key, value in found.items()}  # Kalibr's: any will do
     return {f"{before}{key}" for key in found}.union(*(keys(value, f"{before}{key}.") for key, value in found.items()))
 
 
