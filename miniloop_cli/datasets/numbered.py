@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.datasets.association import MAX_STAMP_S
+from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.images import ImageFile
-from miniloop_cli.datasets.intrinsics import load_camera
 from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, list_images, read_bytes, read_lines, shown
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
@@ -67,12 +67,29 @@ def pair_by_number(
     return frames, tuple(notes), (len(color), len(depth))
 
 
-def given_camera(root: Path, camera_path: Path | None) -> Camera | None:
-    """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout."""
-    if camera_path:
-        return load_camera(camera_path)
-    if (root / "camera.yaml").exists():
-        return load_camera(root / "camera.yaml", "the sequence's own camera.yaml")
+def given_camera(
+    root: Path, camera_path: Path | None, frames: tuple[Frame, ...], depth_scale: float = 1000.0
+) -> Camera | None:
+    """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout.
+
+    `frames` tell the images' size, by which a file with several cameras is read; `depth_scale` (units a metre) is the
+    layout's, for files of other tools that state none.
+    """
+    path = camera_path or root / "camera.yaml"
+    if camera_path is None and not path.exists():
+        return None
+    source = None if camera_path else "the sequence's own camera.yaml"
+    return read_camera_file(path, source, color_size(frames), depth_scale)
+
+
+def color_size(frames: tuple[Frame, ...]) -> tuple[int, int] | None:
+    """Width and height (px) of the first colour image that can be read, of the first twenty; None if none can."""
+    for frame in frames[:20]:
+        try:
+            header = frame.color.header()
+        except InputError:
+            continue
+        return header.width, header.height
     return None
 
 

@@ -44,7 +44,8 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
         "sequence": shown(sequence.name),
         "layout": sequence.layout,
         "frames": len(sequence.frames),
-        "camera": asdict(sequence.camera) | {"distortion": list(sequence.camera.distortion)},
+        "camera": asdict(sequence.camera)
+        | {"lens": {"model": sequence.camera.lens.model} | sequence.camera.lens.named},
         "notes": list(sequence.notes),
         "timing": timing(sequence),
     }

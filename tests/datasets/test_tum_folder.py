@@ -188,7 +188,7 @@ def test_association_is_bounded_where_stamps_crowd():
 def test_real_sequences_open(name):
     sequence = open_sequence(Path(REAL) / name)
     assert len(sequence.frames) == 100 and not sequence.notes
-    assert sequence.camera.fx == 517.306408 and sequence.camera.distortion[4] == 1.163314
+    assert sequence.camera.fx == 517.306408 and sequence.camera.lens.named["k3"] == 1.163314
     assert "freiburg1" in sequence.camera.source
     scan = read_scan(sequence, 50)
     assert 0.3 < np.median(scan.depth_m[scan.depth_m > 0]) < 3

@@ -25,7 +25,9 @@ class IclNuim:
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`, paired by frame number. Raises InputError."""
         frames, notes, available = pair_by_number(root, numbered_images(root, "rgb"), numbered_images(root, "depth"))
-        camera = given_camera(root, camera_path) or Camera(481.2, 480.0, 319.5, 239.5, 640, 480, 5000.0, source=SOURCE)
+        camera = given_camera(root, camera_path, frames, 5000.0) or Camera(
+            481.2, 480.0, 319.5, 239.5, 640, 480, 5000.0, source=SOURCE
+        )
         truth = next(iter(sorted(root.glob("*.gt.freiburg"))), None)
         return Sequence(root.name, root, camera, frames, truth, notes, available)
 

@@ -45,7 +45,7 @@ class Polycam:
         frames, notes, available = pair_by_number(
             root, color, numbered_images(root, "keyframes/depth", rate_hz=STAMPS_HZ), STAMPS_HZ
         )
-        camera = given_camera(root, camera_path)
+        camera = given_camera(root, camera_path, frames)
         if camera is None:
             files = numbered_files(root, "keyframes/cameras", (".json",), STAMPS_HZ)
             values = np.array([_values(path, PINHOLE) for path in files.values()])

@@ -40,7 +40,7 @@ class Record3D:
         if not depth and list_images(root, "depth", (".exr",)):
             raise InputError(f"{shown(root)}: {EXR}")
         frames, notes, available = pair_by_number(root, numbered_images(root, "rgb"), depth)
-        camera = given_camera(root, camera_path) or _camera(root)
+        camera = given_camera(root, camera_path, frames) or _camera(root)
         metadata = root / "metadata.json"
         truth = metadata if metadata.exists() else None
         return Sequence(root.name, root, camera, frames, truth, notes, available, DepthFormat(resample=True))

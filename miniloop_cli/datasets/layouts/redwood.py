@@ -7,22 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.intrinsics import make_camera
+from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.numbered import (
     RATE_HZ,
+    color_size,
     given_camera,
     numbered_files,
     numbered_images,
-    numbers,
     pair_by_number,
-    read_json,
     trajectory_of,
     usable_pose,
 )
 from miniloop_cli.datasets.paths import read_lines, shown
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.sequence import Sequence, Trajectory
+from miniloop_cli.scene.sequence import Frame, Sequence, Trajectory
 
 COLOR = ("color", "image")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "intrinsics.json", "camera.json")
@@ -44,7 +43,7 @@ class Redwood:
         frames, notes, available = pair_by_number(
             root, numbered_images(root, folder.name), numbered_images(root, "depth")
         )
-        camera = given_camera(root, camera_path) or _camera(root)
+        camera = given_camera(root, camera_path, frames) or _camera(root, frames)
         return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
@@ -75,19 +74,11 @@ def _first(root: Path, names: tuple[str, ...]) -> Path | None:
     return next((root / name for name in names if (root / name).exists()), None)
 
 
-def _camera(root: Path) -> Camera:
+def _camera(root: Path, frames: tuple[Frame, ...]) -> Camera:
     path = _first(root, INTRINSICS)
     if path is None:
         source = (
             "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
         )
         return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source)
-    data, where = read_json(path), shown(path)
-    columns = numbers(data.get("intrinsic_matrix"), 9, f"{where}: intrinsic_matrix")
-    values = {"fx": columns[0], "fy": columns[4], "cx": columns[6], "cy": columns[7], "depth_scale": 1000.0}
-    values |= {key: data[key] for key in ("width", "height", "depth_scale") if key in data}
-    return make_camera({key: _plain(v) for key, v in values.items()}, where, f"the sequence's own {path.name}")
-
-
-def _plain(value: object) -> object:
-    return float(value) if isinstance(value, np.floating) else value
+    return read_camera_file(path, f"the sequence's own {path.name}", color_size(frames), depth_scale=1000.0)

@@ -7,6 +7,7 @@ from pathlib import Path
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     RATE_HZ,
+    color_size,
     given_camera,
     numbered_files,
     numbered_images,
@@ -33,7 +34,7 @@ class ScanNet:
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`; depth of lower resolution than colour is taken to cover the same view. InputError."""
         frames, notes, available = pair_by_number(root, numbered_images(root, "color"), numbered_images(root, "depth"))
-        camera = given_camera(root, camera_path) or _camera(root, frames)
+        camera = given_camera(root, camera_path, frames) or _camera(root, frames)
         truth = root / "pose" if (root / "pose").is_dir() else None
         return Sequence(root.name, root, camera, frames, truth, notes, available, DepthFormat(resample=True))
 
@@ -51,14 +52,9 @@ class ScanNet:
 def _camera(root: Path, frames: tuple[Frame, ...]) -> Camera:
     """Intrinsics of the colour camera; the size, which no file of the export states, is that of the images."""
     K, where = read_matrix(root / INTRINSICS, (4, 4)), shown(root / INTRINSICS)
-    for frame in frames[:20]:
-        try:
-            header = frame.color.header()
-            break
-        except InputError:
-            continue
-    else:
+    size = color_size(frames)
+    if size is None:
         raise InputError(f"{shown(root)}: none of the first {len(frames[:20])} colour images can be read")
     values = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
-    values |= {"width": header.width, "height": header.height, "depth_scale": 1000.0}
+    values |= {"width": size[0], "height": size[1], "depth_scale": 1000.0}
     return make_camera({key: float(v) for key, v in values.items()}, where, f"the sequence's own {INTRINSICS}")

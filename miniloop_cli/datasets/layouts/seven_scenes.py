@@ -33,7 +33,9 @@ class SevenScenes:
         """The sequence in `root`. Raises InputError."""
         color = numbered_images(root, ".", (".color.png", ".color.jpg"))
         frames, notes, available = pair_by_number(root, color, numbered_images(root, ".", (".depth.png",)))
-        camera = given_camera(root, camera_path) or Camera(585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE)
+        camera = given_camera(root, camera_path, frames) or Camera(
+            585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE
+        )
         truth = root if any(root.glob("frame-*.pose.txt")) else None
         depth_format = DepthFormat(no_reading=65535)
         notes = (*notes, UNREGISTERED)

@@ -8,7 +8,8 @@ import numpy as np
 
 from miniloop_cli.datasets.association import MAX_DIFFERENCE_S, associate, read_table, stamped_images
 from miniloop_cli.datasets.images import ImageFile
-from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family, load_camera
+from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family
+from miniloop_cli.datasets.numbered import given_camera
 from miniloop_cli.datasets.paths import read_bytes, shown
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
@@ -46,7 +47,7 @@ class Tum:
         return Sequence(
             root.name,
             root,
-            choose_camera(root, camera_path),
+            choose_camera(root, camera_path, frames),
             frames,
             ground_truth_path=truth if truth.exists() else None,
             notes=tuple(notes),
@@ -58,12 +59,10 @@ class Tum:
         return read_trajectory(sequence.ground_truth_path) if sequence.ground_truth_path else None
 
 
-def choose_camera(root: Path, camera_path: Path | None) -> Camera:
+def choose_camera(root: Path, camera_path: Path | None, frames: tuple[Frame, ...] = ()) -> Camera:
     """The given file, the sequence's own camera.yaml, its TUM family (header, then name), or TUM's default."""
-    if camera_path:
-        return load_camera(camera_path)
-    if (root / "camera.yaml").exists():
-        return load_camera(root / "camera.yaml", "the sequence's own camera.yaml")
+    if camera := given_camera(root, camera_path, frames, depth_scale=5000.0):
+        return camera
     for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
         if (root / name).exists() and (family := freiburg_family(_header(root / name))):
             return freiburg_camera(family, f"the header of {name}")
