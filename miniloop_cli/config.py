@@ -81,11 +81,8 @@ class Matching(Section):
         10, ge=1, description="sequential, and beyond exhaustive_max_scans: frames after each frame."
     )
     min_matches: int = Field(12, ge=3, description="T of the paper: an edge of the graph needs this many matches.")
-    edge_share: float | None = Field(
-        None,
-        gt=0,
-        le=1,
-        description="Share of all pairs that become edges: T follows from it, and is at least min_matches; null: off.",
+    edge_share: float = Field(
+        0.0, ge=0, le=1, description="Share of all pairs that become edges: T follows from it; 0: T is min_matches."
     )
 
 

@@ -92,6 +92,6 @@ def overlaps(folder: Path, settings: Settings, workers: Workers) -> Overlaps:
     sequence, truth = open_with_truth(folder)
     run = Run(Store(default_folder()), workers)
     scans = extract(sequence, settings.features, settings.depth, run)
-    full = settings.matching.model_copy(update={"min_matches": 3, "pairs": "exhaustive", "edge_share": None})
+    full = settings.matching.model_copy(update={"min_matches": 3, "pairs": "exhaustive", "edge_share": 0.0})
     matches = match(scans, full, settings.pose_prior, Priors(), run)
     return Overlaps(sequence, truth, scans.points, matches)

@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 from contextlib import suppress
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -84,9 +85,18 @@ def cli(ctx: click.Context, debug: bool) -> None:
 def main(args: list[str] | None = None, command: click.Command = cli, program: str = PROGRAM) -> None:
     """Run the command line; exit status 0 done, 1 could not be done, 2 wrong usage, 130 interrupted."""
     args = sys.argv[1:] if args is None else args
+    _open_closed_streams()
     gc.set_threshold(YOUNG_OBJECTS)
     with heeded_interrupts():
         _run(command, args, program)
+
+
+def _open_closed_streams() -> None:
+    """Services, windows without a console and `>&-` leave no stdout or stderr: what is said there goes nowhere."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 (for the process)
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
 
 
 def _run(command: click.Command, args: list[str], program: str) -> None:

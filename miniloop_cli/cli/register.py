@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
+from miniloop_cli.errors import MiniloopError
 from miniloop_cli.feature_types import FEATURE_TYPES
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ MOST_REASONS = 8  # that the summary shows
 )
 @options.seed
 @options.json_file
+@click.option("--strict", is_flag=True, help="Exit with 1 where the result is doubtful or bad; it is written.")
 @click.option(
     "--rerun",
     "recording_path",
@@ -91,6 +93,7 @@ def register(
     cluster: str | None,
     seed: int,
     json_path: str | None,
+    strict: bool,
     recording_path: Path | None,
     quiet: bool,
 ) -> None:
@@ -101,7 +104,7 @@ def register(
                miniloop eval --gt rgbd_dataset_freiburg1_xyz
     """
     from miniloop_cli.api import register as run_register
-    from miniloop_cli.results.write import summary
+    from miniloop_cli.results.folder import Results
     from miniloop_cli.warmup import compile_in_background
 
     if recording_path:
@@ -138,21 +141,24 @@ def register(
         from miniloop_cli.report.rerun import write_rerun
 
         write_rerun(run, folder, recording_path)
+    numbers = Results(folder).summary
     if json_path:
-        options.write_json(json_path, summary(run))
+        options.write_json(json_path, numbers)
     if not quiet and json_path != "-":
-        print_summary(run, folder)
+        print_summary(run, folder, numbers)
+    verdict = numbers["verdict"]
+    if strict and verdict["level"] != "good":
+        raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
 
 
-def print_summary(run: Registration, folder: Path) -> None:
-    """What was found, as a table that fits 80 columns."""
+def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> None:
+    """What was found, as a table that fits 80 columns; the verdict last."""
     import numpy as np
 
     from miniloop_cli.results.assessment import runs
     from miniloop_cli.results.tables import frame_status
-    from miniloop_cli.results.write import summary
 
-    numbers, seconds = summary(run), run.timings_s
+    seconds = numbers["timings_s"]
     solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]
     rows = {
         "registered": f"{numbers['registered']} of {numbers['frames']} frames",
@@ -176,3 +182,6 @@ def print_summary(run: Registration, folder: Path) -> None:
         click.echo(options.wrapped("no pose for " + (why if why.startswith("frame ") else f"{named}: {why}")))
     if len(reasons) > MOST_REASONS:
         click.echo(f"... and more: see {folder / 'frames.csv'}")
+    verdict = numbers["verdict"]
+    for text in (f"{verdict['level']:<12}{verdict['headline']}", *(f"{'':<12}{why}" for why in verdict["reasons"])):
+        click.echo(options.wrapped(text, " " * 12))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def assess(data: ReportData, evaluation: Evaluation | None) -> Assessment:
     """The assessment of a run; where it did not simply work, with what is wrong with the recording."""
-    found = judge(data, evaluation)
+    found = judge(data.columns, evaluation)
     return found if found.level == Level.GOOD else replace(found, findings=recording_findings(data))
 
 

@@ -112,7 +112,7 @@ def worst_edges(data: ReportData, store: Store) -> list[Section]:
 def frames(data: ReportData) -> Section | None:
     """Statistics per frame, and the frames without a pose: why, and what they look like."""
     missing = np.flatnonzero(~data.frames.registered).tolist()
-    rows = [(reason, len(numbers), runs(numbers, most=100)) for reason, numbers in left_out(data)]
+    rows = [(reason, len(numbers), runs(numbers, most=100)) for reason, numbers in left_out(data.columns)]
     thumbnails = []
     if data.sequence is not None:
         for k in missing[:: max(1, -(-len(missing) // MOST_THUMBNAILS))]:

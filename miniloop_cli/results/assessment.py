@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
-from miniloop_cli.results.columns import Edges, ReportData
+from miniloop_cli.results.columns import Edges, RunColumns, edge_columns, frame_columns
+from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows
 from miniloop_cli.scene.frame_status import FrameStatus
+from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.verdict import Rejection
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.typing import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
 
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
 LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
+CONTRADICTING_DEG, CONTRADICTING_M = 10.0, 0.25  # a verified edge farther off is false, or the poses are
 FEW_KEYPOINTS, FEW_READINGS = 300, 0.35
 # The images, or other edges, speak against an edge that is rejected for one of these.
 SPOKEN_AGAINST = {
@@ -52,37 +56,72 @@ class Level(StrEnum):
 class Assessment:
     """What a run is worth: its level, one headline, what is known, what to try (empty where nothing is wrong).
 
-    `findings` are of an inspection of the recording, for runs that did not go well.
+    `reasons` say why the level is not good. `findings` are of an inspection of the recording, for runs that did not go
+    well.
     """
 
     level: Level
     headline: str
     facts: tuple[str, ...]
     advice: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
-def judge(data: ReportData, evaluation: Evaluation | None = None) -> Assessment:
-    """The assessment of a run, and on its trajectory where a ground truth was given."""
+def assess_run(run: Registration) -> Assessment:
+    """The assessment of a run from the tables that it writes."""
+    edges = [dict(zip(EDGE_COLUMNS, map(str, row), strict=True)) for row in edge_rows(run)]
+    frames = [dict(zip(FRAME_COLUMNS, map(str, row), strict=True)) for row in frame_rows(run)]
+    stamps_s = np.array([frame.timestamp_s for frame in run.sequence.frames])
+    nowhere = Path("of this run")
+    return judge(RunColumns(edge_columns(edges, nowhere), frame_columns(frames, nowhere, stamps_s), run.notes))
+
+
+def judge(data: RunColumns, evaluation: Evaluation | None = None) -> Assessment:
+    """The assessment of a run, and of its trajectory where a ground truth was given."""
     frames = data.frames
     total, registered = len(frames), int(frames.registered.sum())
     share = registered / total if total else 0.0
-    loose, contradicted = _loose(data), _contradicted(evaluation)
-    enough = share >= GOOD_SHARE
-    level = Level.BAD if share < FAILED_SHARE or registered < 2 else Level.DOUBTFUL
-    if level == Level.BAD:
-        words = "It did not work"
-    elif loose or contradicted:
-        doubt = "the ground truth contradicts the poses" if contradicted else "the poses are doubtful"
-        words = f"It worked{'' if enough else ' in part'}, but {doubt}"
+    lost, doubts = _lost(data, share), _doubts(data, evaluation)
+    if share < FAILED_SHARE or registered < 2:
+        level, words = Level.BAD, "It did not work"
     else:
-        level, words = (Level.GOOD, "It worked") if enough else (Level.DOUBTFUL, "It worked in part")
+        level = Level.DOUBTFUL if lost or doubts else Level.GOOD
+        words = f"It worked{' in part' if lost else ''}{f', but {doubts[0]}' if doubts else ''}"
     headline = f"{words}: {registered} of {total} frames are registered{_pieces(data)}"
-    advice = _scale_advice(data) + (_few_edges(data) if level == Level.GOOD else _advice(data, loose))
-    return Assessment(level, headline, tuple(_facts(data, evaluation)), tuple(advice))
+    advice = _scale_advice(data) + (_few_edges(data) if level == Level.GOOD else _advice(data, _loose(data)))
+    return Assessment(level, headline, tuple(_facts(data, evaluation)), tuple(advice), (*lost, *doubts))
 
 
-def _loose(data: ReportData) -> bool:
+def _lost(data: RunColumns, share: float) -> tuple[str, ...]:
+    """What is said of frames without a pose, where they are many."""
+    missing = int((~data.frames.registered).sum())
+    return () if share >= GOOD_SHARE else (f"{missing} of {len(data.frames)} frames are not registered",)
+
+
+def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
+    """Why the poses of the registered frames are not to be trusted."""
+    edges, doubts = data.edges, []
+    if _contradicted(evaluation):
+        doubts.append("the ground truth contradicts the poses")
+    if _loose(data):
+        doubts.append("the edges disagree with the poses as a whole")
+    off = edges.worst_first[_far_off(edges)[edges.worst_first]]
+    if len(off):
+        worst = off[0]
+        doubts.append(
+            f"{len(off)} verified edge{'s' * (len(off) > 1)} contradict{'s' * (len(off) == 1)} the poses (the worst: "
+            f"{edges.i[worst]}–{edges.j[worst]} by {edges.rot_deg[worst]:.1f} deg, {edges.trans_m[worst]:.2f} m)"
+        )
+    return tuple(doubts)
+
+
+def _far_off(edges: Edges) -> Bools:
+    """(m,) edges whose residual is no noise: they are false, or the poses are."""
+    return (edges.rot_deg > CONTRADICTING_DEG) | (edges.trans_m > CONTRADICTING_M)
+
+
+def _loose(data: RunColumns) -> bool:
     kept = data.edges.worst_first
     if not len(kept):
         return False
@@ -98,20 +137,20 @@ def _contradicted(evaluation: Evaluation | None) -> bool:
     return bool(evaluation.numbers["ate_rmse_m"] > max(CONTRADICTED * size_m, LOOSE_M))
 
 
-def pieces(data: ReportData) -> list[int]:
+def pieces(data: RunColumns) -> list[int]:
     """Sizes of the separate pieces of two frames or more, the registered one first."""
     named = [c for c in data.frames.component if c not in ("", "-1")]
     return [size for _, size in sorted(Counter(named).items(), key=lambda item: -item[1]) if size > 1]
 
 
-def _pieces(data: ReportData) -> str:
+def _pieces(data: RunColumns) -> str:
     others = pieces(data)[1:]
     if not others:
         return " in one piece." if data.frames.registered.any() else "."
     return f"; {sum(others)} more hang together in {len(others)} separate piece{'s' * (len(others) > 1)}."
 
 
-def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
+def _facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
     edges = data.edges
     facts = []
     if len(edges):
@@ -133,9 +172,7 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
             f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
             f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
         )
-    notes = data.summary.get("prior_notes")
-    said = [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
-    facts += [f"{note[0].upper()}{note[1:]}." for note in said]
+    facts += [f"{note[0].upper()}{note[1:]}." for note in data.prior_notes]
     facts += [
         f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
         for reason, lost in left_out(data)[:3]
@@ -143,7 +180,7 @@ def _facts(data: ReportData, evaluation: Evaluation | None) -> list[str]:
     return facts
 
 
-def left_out(data: ReportData) -> list[tuple[str, Ints]]:
+def left_out(data: RunColumns) -> list[tuple[str, Ints]]:
     """(reason, frame numbers) of the frames without a pose, the most frequent reason first.
 
     Frames none of whose overlaps was verified belong together: what differs between them stands in frames.csv.
@@ -156,7 +193,7 @@ def left_out(data: ReportData) -> list[tuple[str, Ints]]:
     return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
 
 
-def _scale_advice(data: ReportData) -> list[str]:
+def _scale_advice(data: RunColumns) -> list[str]:
     depth = _median(data.frames.median_depth_m)
     if NEAR_M <= depth <= FAR_M or not np.isfinite(depth):
         return []
@@ -164,13 +201,13 @@ def _scale_advice(data: ReportData) -> list[str]:
     return [f"{words} in the camera file; a wrong scale registers well and gives a model of the wrong size."]
 
 
-def _few_edges(data: ReportData) -> list[str]:
+def _few_edges(data: RunColumns) -> list[str]:
     if len(data.edges.worst_first) >= 2 * len(data.frames):
         return []
     return ["Few edges hold the frames together: a recording that returns to known places is more accurate."]
 
 
-def _advice(data: ReportData, loose: bool) -> list[str]:
+def _advice(data: RunColumns, loose: bool) -> list[str]:
     """What to try where it did not work, from what the frames and edges show."""
     frames, edges, advice = data.frames, data.edges, []
     if _median(frames.keypoints) < FEW_KEYPOINTS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,9 +13,11 @@ import numpy as np
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.results.folder import Results, column
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
+
+Rows = Sequence[dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,20 @@ class Frames:
 
 
 @dataclass(frozen=True)
+class RunColumns:
+    """A run as its tables tell of it; `prior_notes`: what became of gravity and of a pose prior."""
+
+    edges: Edges
+    frames: Frames
+    prior_notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
 class ReportData:
     """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j."""
 
     results: Results
-    sequence: Sequence | None
+    sequence: Recording | None
     edges: Edges
     frames: Frames
     inlier_px: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
@@ -97,6 +109,13 @@ class ReportData:
     def summary(self) -> dict[str, Any]:
         return self.results.summary
 
+    @property
+    def columns(self) -> RunColumns:
+        """What the tables tell."""
+        notes = self.summary.get("prior_notes")
+        said = [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
+        return RunColumns(self.edges, self.frames, said)
+
     def text(self, name: str, limit: int = 20_000) -> str:
         """The end of a text file of the folder, "" without it."""
         path = self.results.root / name
@@ -106,7 +125,7 @@ class ReportData:
         return text if path.stat().st_size <= limit else "[...]\n" + text.partition("\n")[2]
 
 
-def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
+def load(results_dir: Path, sequence: Recording | None = None) -> ReportData:
     """Read a results folder. Raises InputError where a file in it is malformed."""
     results = Results(Path(results_dir))
     edges, frames = read_edges(results), read_frames(results)
@@ -117,7 +136,11 @@ def load(results_dir: Path, sequence: Sequence | None = None) -> ReportData:
 
 def read_edges(results: Results) -> Edges:
     """edges.csv as columns."""
-    rows, path = results.edges, results.root / "edges.csv"
+    return edge_columns(results.edges, results.root / "edges.csv")
+
+
+def edge_columns(rows: Rows, path: Path) -> Edges:
+    """Rows of edges.csv as columns; `path` is named where they are malformed."""
     return Edges(
         i=whole(column(rows, "i", path), path),
         j=whole(column(rows, "j", path), path),
@@ -135,10 +158,16 @@ def read_edges(results: Results) -> Edges:
 
 def read_frames(results: Results) -> Frames:
     """frames.csv as columns; without it, the frames of the trajectory, of which nothing else is known."""
-    rows, path, stamps_s = results.frames, results.root / "frames.csv", results.frame_stamps_s
+    rows, path = results.frames, results.root / "frames.csv"
     if not rows:
         stamps_s = results.trajectory.timestamps_s
         rows = [{"registered": "1", "component": "0"} for _ in stamps_s]
+        return frame_columns(rows, path, stamps_s)
+    return frame_columns(rows, path, results.frame_stamps_s)
+
+
+def frame_columns(rows: Rows, path: Path, stamps_s: Floats) -> Frames:
+    """Rows of frames.csv as columns, with stamps (n,); `path` is named where they are malformed."""
     return Frames(
         timestamp_s=stamps_s,
         keypoints=column(rows, "keypoints", path),
@@ -154,7 +183,7 @@ def read_frames(results: Results) -> Frames:
     )
 
 
-def texts(rows: list[dict[str, str]], name: str) -> list[str]:
+def texts(rows: Rows, name: str) -> list[str]:
     """A column as it stands in the file, "" where it is missing."""
     return [row.get(name, "") for row in rows]
 

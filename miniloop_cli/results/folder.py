@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -115,7 +116,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
     return rows
 
 
-def column(rows: list[dict[str, str]], name: str, path: Path) -> Floats:
+def column(rows: Sequence[dict[str, str]], name: str, path: Path) -> Floats:
     """(n,) a column as numbers, NaN where it is missing, empty or absurd. Raises InputError for what is no number."""
     try:
         values = np.array([float(row.get(name) or "nan") for row in rows], float)

@@ -26,7 +26,7 @@ def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[st
     """The lines of log.txt."""
     sequence, camera = run.sequence, run.sequence.camera
     lens = ", ".join(f"{value:g}" for value in camera.distortion) if any(camera.distortion) else "none"
-    verdict = judge(data)
+    verdict = judge(data.columns)
     problems = [
         f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {frame_status(run, k)[1]}"
         for k in np.flatnonzero(run.poses.component != 0).tolist()

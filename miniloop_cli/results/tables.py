@@ -25,29 +25,25 @@ FRAME_COLUMNS = tuple(
 )
 
 
-def write_frames(run: Registration, stamps: Floats, path: Path) -> None:
-    """One row a frame: features, depth, uncertainty of its pose, or why it is not in the trajectory."""
-
-    def rows() -> Iterator[Sequence[Any]]:
-        for index, scan in enumerate(run.scans):
-            component = int(run.poses.component[index])
-            sigma = np.sqrt(np.diag(run.covariance[index]))
-            known = np.isfinite(sigma).all() and component == 0
-            yield (
-                index,
-                f"{stamps[index]:.6f}",
-                len(scan.features),
-                scan.features.with_depth,
-                f"{scan.depth_valid_share:.4f}",
-                f"{scan.median_depth_m:.3f}",
-                int(component == 0),
-                component,
-                f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if known else "",
-                f"{np.linalg.norm(sigma[3:]):.5f}" if known else "",
-                *frame_status(run, index),
-            )
-
-    _write_csv(path, FRAME_COLUMNS, rows())
+def frame_rows(run: Registration) -> Iterator[Sequence[Any]]:
+    """A row a frame: features, depth, uncertainty of its pose, or why it is not in the trajectory."""
+    for index, scan in enumerate(run.scans):
+        component = int(run.poses.component[index])
+        sigma = np.sqrt(np.diag(run.covariance[index]))
+        known = np.isfinite(sigma).all() and component == 0
+        yield (
+            index,
+            f"{run.sequence.frames[index].timestamp_s:.6f}",
+            len(scan.features),
+            scan.features.with_depth,
+            f"{scan.depth_valid_share:.4f}",
+            f"{scan.median_depth_m:.3f}",
+            int(component == 0),
+            component,
+            f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if known else "",
+            f"{np.linalg.norm(sigma[3:]):.5f}" if known else "",
+            *frame_status(run, index),
+        )
 
 
 def frame_status(run: Registration, index: int) -> tuple[FrameStatus, str]:
@@ -81,9 +77,10 @@ EDGE_COLUMNS = tuple(
 )
 
 
-def write_edges(run: Registration, stamps: Floats, path: Path) -> None:
-    """One row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
+def edge_rows(run: Registration) -> Iterator[Sequence[Any]]:
+    """A row a pair with enough matches; residuals against the final poses; T_j_i as tx..qw (scan i into scan j)."""
     edges, component = run.edges, run.poses.component
+    stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     angle_deg, distance_m = residuals(edges, run.poses.T_world_cam)
     variance = np.diagonal(edges.covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
     sigma = np.sqrt(np.maximum(variance, 0).sum(axis=2))
@@ -108,7 +105,7 @@ def write_edges(run: Registration, stamps: Floats, path: Path) -> None:
         edges.hypotheses,
         *(_numbers(column, 9, solved) for column in se3.to_rows(edges.T_j_i).T),
     ]
-    _write_csv(path, EDGE_COLUMNS, zip(*columns, strict=True))
+    return zip(*columns, strict=True)
 
 
 def _numbers(values: Floats, digits: int, known: Bools | None = None) -> list[str]:
@@ -117,7 +114,8 @@ def _numbers(values: Floats, digits: int, known: Bools | None = None) -> list[st
     return [f"{value:.{digits}f}" if show else "" for value, show in zip(values.tolist(), shown, strict=True)]
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """A table with a header."""
     with atomic_write(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)

@@ -19,10 +19,11 @@ from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
+from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
-from miniloop_cli.results.tables import write_edges, write_frames
+from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, write_csv
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
@@ -47,8 +48,8 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
     save_camera(folder / "camera.yaml", run.sequence.camera)
-    write_frames(run, stamps, folder / "frames.csv")
-    write_edges(run, stamps, folder / "edges.csv")
+    write_csv(folder / "frames.csv", FRAME_COLUMNS, frame_rows(run))
+    write_csv(folder / "edges.csv", EDGE_COLUMNS, edge_rows(run))
     _write_inliers(run, folder / "inliers.npz")
     registered = run.poses.registered
     if len(registered):
@@ -64,7 +65,11 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
 
 
 def summary(run: Registration) -> dict[str, Any]:
-    """The run in numbers, JSON-able; `cycles`: edges covered by each solver, as in the paper's table."""
+    """The run in numbers, JSON-able.
+
+    `cycles`: edges covered by each solver, as in the paper's table; `verdict`: how far the run can be trusted.
+    """
+    assessment = assess_run(run)
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
     solvers = Counter(run.edges.solver.tolist())
     verdicts = Counter(Verdict(int(number)).label for number in run.edges.verdict)
@@ -86,6 +91,11 @@ def summary(run: Registration) -> dict[str, Any]:
         "camera": run.sequence.camera.source,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
+        "verdict": {
+            "level": assessment.level.value,
+            "headline": assessment.headline,
+            "reasons": list(assessment.reasons),
+        },
         "notes": [*run.sequence.notes, *run.notes],
         "prior_notes": list(run.notes),
         "timings_s": run.timings_s,

@@ -29,7 +29,7 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.cache_folder import cache_folder
 
 Arrays = Mapping[str, NDArray[Any]]
-LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas")
+LIBRARIES = ("opencv-contrib-python-headless", "numpy", "scipy", "numba", "networkx", "mahotas", "Pillow")
 CHECKSUM_BYTES = 32
 
 

@@ -31,7 +31,7 @@ def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Pri
     Where a pose prior is given, the pairs that it names take the place of all or of those retrieved.
     """
     found = _compared(scans, settings, pose_prior, priors, run)
-    if settings.edge_share is None:
+    if settings.edge_share == 0:
         return found
     least = max(min_matches_for(found, settings.edge_share, len(scans)), settings.min_matches)
     LOG.info("T = %d matches: %.3g of all pairs were to become edges", least, settings.edge_share)

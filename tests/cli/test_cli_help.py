@@ -125,4 +125,4 @@ def test_lists_of_commands_are_not_cut_off(group):
 
 def test_version_and_module():
     assert ROOT.joinpath("miniloop_cli", "__main__.py").is_file()
-    assert re.fullmatch(r"miniloop, version \d+\.\d+\.\d+\n", invoke("--version").stdout)
+    assert re.fullmatch(r"miniloop, version \d+\.\d+\.\d+(\.dev\d+)?\n", invoke("--version").stdout)

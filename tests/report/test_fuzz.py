@@ -50,7 +50,7 @@ def use(folder):
     """Everything that reads a results folder, short of the pictures."""
     results = Results(folder)
     data = load(folder)
-    judge(data)
+    judge(data.columns)
     evaluation = evaluate(results.trajectory, results.trajectory, results.edge_stamps_s)
     for name, values in (
         ("trajectory", sections.trajectory(data, results.trajectory, evaluation)),

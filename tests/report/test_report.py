@@ -217,16 +217,16 @@ def test_a_broken_image_leaves_out_its_pictures_only(run):
 
 
 def test_verdicts(run):
-    assert judge(load(run.results)).level == Level.DOUBTFUL
+    assert judge(load(run.results).columns).level == Level.DOUBTFUL
     text = (run.results / "frames.csv").read_text()
     (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
-    assert judge(load(run.results)).level == Level.GOOD
+    assert judge(load(run.results).columns).level == Level.GOOD
     (run.results / "frames.csv").write_text(text.replace(",1,0,", ",0,-1,"))
-    assert judge(load(run.results)).level == Level.BAD
+    assert judge(load(run.results).columns).level == Level.BAD
     (run.results / "frames.csv").write_text(text.replace(",0,-1,", ",1,0,"))
     edges = (run.results / "edges.csv").read_text().replace("verified,,,0.", "verified,,,9.")
     (run.results / "edges.csv").write_text(edges)
-    verdict = judge(load(run.results))
+    verdict = judge(load(run.results).columns)
     assert verdict.level == Level.DOUBTFUL
     assert "doubtful" in verdict.headline
     assert any("depth_scale" in advice for advice in verdict.advice)
@@ -236,10 +236,10 @@ def test_poses_far_from_the_ground_truth_did_not_simply_work(run):
     frames = run.results / "frames.csv"
     frames.write_text(frames.read_text().replace(",0,-1,", ",1,0,"))
     data, poses = load(run.results), load(run.results).results.trajectory
-    assert judge(data, evaluate(poses, poses)).level == Level.GOOD
+    assert judge(data.columns, evaluate(poses, poses)).level == Level.GOOD
     T = poses.T_world_cam.copy()
     T[:, :3, 3] *= 1.2  # as a wrong depth scale makes them, which nothing else shows
-    verdict = judge(data, evaluate(Trajectory(poses.timestamps_s, T), poses))
+    verdict = judge(data.columns, evaluate(Trajectory(poses.timestamps_s, T), poses))
     assert verdict.level == Level.DOUBTFUL
     assert verdict.headline.startswith("It worked, but the ground truth contradicts the poses")
 
@@ -263,7 +263,7 @@ def test_frames_with_the_same_trouble_belong_together(run):
     lost = ",0,-1,not_verified,"
     text[1:3] = [line.replace(",1,0,registered,", lost) + why for line, why in zip(text[1:3], reasons, strict=True)]
     (run.results / "frames.csv").write_text("\n".join(text) + "\n")
-    assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results)).facts
+    assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results).columns).facts
 
 
 def test_what_became_of_gravity_is_told(run):
@@ -271,7 +271,7 @@ def test_what_became_of_gravity_is_told(run):
     summary["notes"] = ["took a camera", "gravity is not used: it is far off"]
     summary["prior_notes"] = ["gravity is not used: it is far off", 7]
     (run.results / "summary.json").write_text(json.dumps(summary))
-    facts = judge(load(run.results)).facts
+    facts = judge(load(run.results).columns).facts
     assert "Gravity is not used: it is far off." in facts
     assert not any("took a camera" in fact for fact in facts)
 
@@ -282,14 +282,14 @@ def test_advice_follows_the_reasons_of_rejected_pairs(run, rejection, advice):
     (run.results / "edges.csv").write_text(rows)
     frames = (run.results / "frames.csv").read_text().replace(",1,0,", ",0,-1,")
     (run.results / "frames.csv").write_text(frames)
-    assert any(advice in text for text in judge(load(run.results)).advice)
+    assert any(advice in text for text in judge(load(run.results).columns).advice)
 
 
 def test_separate_pieces_are_told(run):
     text = (run.results / "frames.csv").read_text().splitlines()
     text[-2:] = [line.replace(",1,0,", ",0,1,") for line in text[-2:]]
     (run.results / "frames.csv").write_text("\n".join(text) + "\n")
-    verdict = judge(load(run.results))
+    verdict = judge(load(run.results).columns)
     assert "5 of 8 frames are registered; 2 more hang together in 1 separate piece." in verdict.headline
     assert any("no verified edge between them" in advice for advice in verdict.advice)
 

@@ -9,10 +9,11 @@ from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.verdict import Rejection, Verdict
-from miniloop_cli.verification.pose_prior import OPENGL, pairs_by_pose_prior, reject_by_pose_prior
+from miniloop_cli.verification.pose_prior import pairs_by_pose_prior, reject_by_pose_prior
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0)
 SCANS = 24
@@ -75,7 +76,7 @@ def test_another_world_is_as_good(turn, rng):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (lambda T: T @ OPENGL, r"they would agree as camera axes x right, y up, z backward"),
+        (lambda T: T @ OPENGL_AXES, r"they would agree as camera axes x right, y up, z backward"),
         (se3.inverse, "they would agree as poses world to camera"),
         (lambda T: se3.pose(T[:, :3, :3], 10 * T[:, :3, 3] + 3 * np.arange(SCANS)[:, None]), "expected are metres"),
     ],
