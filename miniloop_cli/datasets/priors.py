@@ -30,7 +30,7 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
         up = verticals(*read_accelerometer(gravity), stamps)
         _require(np.asarray(np.isfinite(up).all(axis=1)), gravity, "readings")
     if poses is not None:
-        rough = read_trajectory(poses, stamps, {"frames of the recording": stamps})
+        rough = read_trajectory(poses, stamps, lambda: {"frames of the recording": stamps})
         LOG.info("pose prior: %s", rough.source)
         T, near = associate(stamps, rough)
         T = np.where(near[:, None, None], T, np.nan)

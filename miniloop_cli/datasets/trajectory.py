@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from miniloop_cli.datasets.trajectory_formats import read_pose_file
-from miniloop_cli.datasets.trajectory_stamps import in_seconds
+from miniloop_cli.datasets.trajectory_stamps import Numbered, in_seconds
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Trajectory
@@ -24,13 +23,11 @@ def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
     return Trajectory(stamps, se3.from_rows(values))
 
 
-def read_trajectory(
-    path: Path | str, frames_s: Floats | None = None, numbered: Mapping[str, Floats] | None = None
-) -> Trajectory:
+def read_trajectory(path: Path | str, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
     """The poses of a trajectory or ground truth file, sorted by time; `source` says how the file was read.
 
     `frames_s`: (m,) sorted stamps of the frames that the poses are for, which tell the unit of the file's stamps;
-    `numbered`: (n,) stamps of the frames by number, by what counts them, for formats without stamps.
+    `numbered`: gives the stamps of the frames by number, for formats without stamps.
     Raises InputError naming file and line for what is malformed, and for what could mean more than one thing.
     """
     return in_seconds(read_pose_file(Path(path)), frames_s, numbered)

@@ -21,9 +21,9 @@ MAX_COORDINATE_M = 1e7
 UNIT_QUATERNION = 0.02  # what rounding may take from the length of a quaternion
 RIGID = 0.01  # largest entry of R R' - 1
 METRES = {None: 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
-EXPECTED = (
-    "expected 'timestamp tx ty tz qx qy qz qw' (TUM), 12 or 16 values of a matrix or 4 lines of 4, or a header that "
-    "names the columns"
+KNOWN = (
+    "lines 'timestamp tx ty tz qx qy qz qw' (TUM), of 12 or 16 values of a matrix, matrices in 4 lines of 4, or a "
+    "header that names the columns"
 )
 
 
@@ -48,7 +48,7 @@ def read_pose_file(path: Path) -> PoseFile:
     """The poses of a file. Raises InputError naming file and line for what is malformed or could mean two things."""
     text = read_text(path)
     if not text.lines:
-        raise InputError(f"{text.name} has no poses; {EXPECTED}")
+        raise InputError(f"{text.name} has no poses; expected {KNOWN}")
     ways = [False, True] if may_have_decimal_commas(text) else [False]
     found, problems = [], []
     for decimal_commas in ways:
@@ -81,8 +81,7 @@ def _poses(table: Table) -> PoseFile:
         return PoseFile(text.name, (name, *words), _rigid(table, M, np.arange(len(M))), _lines(text), None)
     if first == 4 or (first == 3 and [len(row) for row in table.rows[1:2]] == [4]):
         return _blocks(table, words)
-    more = "; more columns need a header that names them" if first > 8 else ""
-    raise InputError(f"{table.where(0)}: {EXPECTED}; found {first} values{more}")
+    raise InputError(f"{table.where(0)}: expected {KNOWN}; found {first} values")
 
 
 def _named(table: Table, columns: Columns, words: list[str]) -> PoseFile:
@@ -109,7 +108,8 @@ def _stamped(
             "qz qw'? Name others in a header"
         )
     _require_metres(table, position_m, np.arange(len(q)))
-    return PoseFile(table.text.name, words, se3.pose(se3.rotations(q), position_m), _lines(table.text), stamps, time_unit)
+    T = se3.pose(se3.rotations(q), position_m)
+    return PoseFile(table.text.name, words, T, _lines(table.text), stamps, time_unit)
 
 
 def _blocks(table: Table, words: list[str]) -> PoseFile:
@@ -118,9 +118,11 @@ def _blocks(table: Table, words: list[str]) -> PoseFile:
     for k, row in enumerate(table.rows):
         expected = 3 if size == 5 and k % 5 == 0 else 4
         if len(row) != expected:
-            raise InputError(f"{table.where(k)}: {EXPECTED}; in lines of 4, {expected} values, found {len(row)}")
+            raise InputError(
+                f"{table.where(k)}: expected {expected} values of a matrix in lines of 4, found {len(row)}"
+            )
     if len(table.rows) % size:
-        raise InputError(f"{table.where(len(table.rows) - 1)}: the file ends within a matrix of 4 lines; {EXPECTED}")
+        raise InputError(f"{table.where(len(table.rows) - 1)}: the file ends within a matrix of 4 lines")
     starts = np.arange(0, len(table.rows), size)
     M = np.array([table.rows[k + size - 4 : k + size] for k in starts])
     numbers = None
@@ -138,11 +140,10 @@ def _blocks(table: Table, words: list[str]) -> PoseFile:
 
 def _rigid(table: Table, M: Floats, rows: Ints) -> Floats:
     """(n, 4, 4) poses with exact rotations from (n, 3 or 4, 4). Raises InputError for what is no rigid motion."""
-    if M.shape[1] == 4:
-        if (bad := np.abs(M[:, 3] - [0, 0, 0, 1]).max(axis=1) > 1e-6).any():
-            turned = not np.abs(M[:, :, 3] - [0, 0, 0, 1]).max() > 1e-6
-            hint = "written column by column? transpose it" if turned else "expected 0 0 0 1"
-            raise InputError(f"{table.where(int(rows[bad.argmax()]))}: the last row of the matrix: {hint}")
+    if M.shape[1] == 4 and (bad := np.abs(M[:, 3] - [0, 0, 0, 1]).max(axis=1) > 1e-6).any():
+        turned = not np.abs(M[:, :, 3] - [0, 0, 0, 1]).max() > 1e-6
+        hint = "it is written column by column; transpose it" if turned else "it does not end in 0 0 0 1"
+        raise InputError(f"{table.where(int(rows[bad.argmax()]))}: no matrix of a rigid motion: {hint}")
     R, t = M[:, :3, :3], M[:, :3, 3]
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))

@@ -138,9 +138,6 @@ def _units(names: list[tuple[str, str]], roles: dict[str, int], line: str, file:
     length = next(iter(lengths), None)
     for unit, known in ((time, TIME_UNITS), (length, LENGTH_UNITS)):
         if unit and unit not in known:
-            raise InputError(f"{file}: the header's unit '{shown(unit[:20])}' is unknown; expected one of {_list(known)}")
+            expected = ", ".join(dict.fromkeys(known.values()))
+            raise InputError(f"{file}: the header's unit '{shown(unit[:20])}' is unknown; expected {expected}")
     return (TIME_UNITS[time] if time else None), length
-
-
-def _list(units: dict[str, str]) -> str:
-    return ", ".join(dict.fromkeys(units.values()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -23,34 +23,33 @@ UNSORTED_SHARE = 0.2
 LATE = 3.0  # median steps by which a row may stand late
 SAME_RHYTHM_S = 0.002
 
+# (n,) stamps of the frames by number, by the words for what counts them; asked for only where a file needs them.
+Numbered = Callable[[], Mapping[str, Floats]]
 
-def in_seconds(
-    file: PoseFile, frames_s: Floats | None = None, numbered: Mapping[str, Floats] | None = None
-) -> Trajectory:
+
+def in_seconds(file: PoseFile, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
     """The poses by time, in seconds on the clock of the frames.
 
     `frames_s`: (m,) sorted stamps of the frames that the poses are for: the unit of the file's stamps is the one that
-    lays them there. Without, they are taken by their size. `numbered`: stamps by frame number, by what counts those
-    frames, for files without stamps.
+    lays them there. Without, they are taken by their size. `numbered`: for files with one pose
+    a frame instead of stamps on the clock of the frames.
     Raises InputError where no unit fits, where two do, and where the stamps repeat, jump back or are of another clock.
     """
     if file.stamps is None:
-        return by_number(file, numbered or {})
+        return by_number(file, numbered())
     keep, words = _in_order(file, file.stamps)
     stamps, T = file.stamps[keep], file.T_world_cam[keep]
-    if frames_s is None or not len(frames_s):
-        unit = file.time_unit or _unit_by_size(stamps)
-        per_s, found = PER_S[unit], f"stamps in {unit}"
-    elif counts_rows(stamps) and file.time_unit is None:
-        return _by_counter(file, stamps, T, frames_s, numbered or {}, words)
-    else:
-        unit = _unit_beside(file, stamps, T, frames_s)
-        if unit is None:
-            return _shifted(file, stamps, T, frames_s, numbered or {}, words)
-        per_s, found = PER_S[unit], f"stamps in {unit}"
-    if (largest := np.abs(stamps / per_s).max()) > MAX_STAMP_S:
+    unit = file.time_unit or _unit_by_size(stamps)
+    if frames_s is not None and len(frames_s):
+        if counts_rows(stamps) and file.time_unit is None:
+            return _by_counter(file, stamps, T, frames_s, numbered(), words)
+        unit = _unit_beside(file, stamps, T, frames_s) or ""
+        if not unit:
+            return _shifted(file, stamps, T, frames_s, numbered(), words)
+    stamps_s = stamps / PER_S[unit]
+    if (largest := np.abs(stamps_s).max()) > MAX_STAMP_S:
         raise InputError(f"{file.name}: a stamp of {largest:.3g} s; expected s, ms, us or ns")
-    return Trajectory(stamps / per_s, T, ", ".join((*file.format, found, *words)))
+    return Trajectory(stamps_s, T, ", ".join((*file.format, f"stamps in {unit}", *words)))
 
 
 def counts_rows(stamps: Floats) -> bool:
@@ -110,8 +109,8 @@ def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
         row = int(np.setdiff1d(np.arange(len(stamps)), keep)[0])
         if equal > max(1, EQUAL_SHARE * len(stamps)):
             raise InputError(
-                f"{file.where(row)}: the stamp {stamps[row]:.9g} again, as in {equal} of {len(stamps)} rows: digits are "
-                "lost; write stamps to the microsecond"
+                f"{file.where(row)}: the stamp {stamps[row]:.9g} again, as in {equal} of {len(stamps)} rows: digits "
+                "are lost; write stamps to the microsecond"
             )
         words.append(f"{equal} of {len(stamps)} rows left out (the stamp of line {file.lines[row]} again)")
     return keep, words
@@ -140,8 +139,8 @@ def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) ->
     first, second, *_ = sorted(usual, key=lambda unit: -served[unit])
     if served[first] < CLEARLY * served[second] or not served[first]:
         raise InputError(
-            f"{file.name}: stamps from {stamps[0]:.9g} to {stamps[-1]:.9g} may be in {first} or in {second}; say so in a "
-            f"header: '# timestamp[{first}] tx ty tz qx qy qz qw'"
+            f"{file.name}: stamps from {stamps[0]:.9g} to {stamps[-1]:.9g} may be in {first} or in {second}; say "
+            f"so in a header: '# timestamp[{first}] tx ty tz qx qy qz qw'"
         )
     return first
 
@@ -168,7 +167,9 @@ def _shifted(
     at_s = stamps / PER_S[unit]
     advice = "is it of this recording?"
     if abs(at_s[0]) < SINCE_1970_S[0] <= frames_s[0] < SINCE_1970_S[1]:
-        advice += f" It counts from a start of its own: add the frames' clock at that start (near {frames_s[0]:.6f}) to it"
+        advice += (
+            f" It counts from a start of its own: add the frames' clock at that start (near {frames_s[0]:.6f}) to it"
+        )
     elif abs(frames_s[0]) < SINCE_1970_S[0] <= at_s[0] < SINCE_1970_S[1]:
         advice += " The frames have no such clock: subtract the time of the first frame"
     raise InputError(

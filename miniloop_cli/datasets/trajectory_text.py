@@ -52,7 +52,8 @@ def read_text(path: Path) -> Text:
     name, data = shown(path), read_bytes(path)
     content, encoding = _decoded(data, name)
     comments: list[str] = []
-    header, lines = None, []
+    lines: list[tuple[int, str]] = []
+    header = None
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", content), 1):
         line = raw.strip().replace('"', "")
         if not line:
@@ -116,8 +117,9 @@ def _is_word(cell: str) -> bool:
 def _numbers(line: str, where: str, decimal_commas: bool) -> list[float | None]:
     cells = (SEPARATOR_BESIDE_DECIMAL_COMMA if decimal_commas else SEPARATOR).split(line)
     if any(NO_NUMBERS.fullmatch(cell) for cell in cells):
-        at = "timestamp" if NO_NUMBERS.fullmatch(cells[0]) else "pose"
-        raise InputError(f"{where}: NaN or infinity in the {at}; remove the row")
+        if NO_NUMBERS.fullmatch(cells[0]):
+            raise InputError(f"{where}: the timestamp is {cells[0]}; remove the row")
+        raise InputError(f"{where}: NaN or infinity in the pose; remove the row")
     if len(cells) > MAX_COLUMNS:
         raise InputError(f"{where}: {len(cells)} values; a pose has at most 16")
     try:

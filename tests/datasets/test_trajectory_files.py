@@ -55,7 +55,7 @@ def test_messy_but_sound_files(tmp_path):
     ("text", "words"),
     [
         ("# only\n", "has no poses"),
-        ("1 2 3\n", r"t\.txt:1: expected 'timestamp tx ty tz qx qy qz qw', found 3 values"),
+        ("1 2 3\n", r"t\.txt:1: expected lines .timestamp tx ty tz qx qy qz qw.*found 3 values"),
         ("0 0 0 0 0 0 0 1\n# c\n1 nan 0 0 0 0 0 1\n", r"t\.txt:3: NaN or infinity"),
         ("nan 0 0 0 0 0 0 1\n", r"t\.txt:1: the timestamp is nan"),
         ("1 0 0 0 0 0 inf 1\n", r"t\.txt:1: NaN or infinity"),

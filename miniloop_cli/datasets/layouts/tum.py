@@ -58,7 +58,7 @@ class Tum:
         if sequence.ground_truth_path is None:
             return None
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
-        return read_trajectory(sequence.ground_truth_path, stamps, {"frames of the recording": stamps})
+        return read_trajectory(sequence.ground_truth_path, stamps, lambda: {"frames of the recording": stamps})
 
 
 def choose_camera(root: Path, camera_path: Path | None) -> Camera:
