@@ -6,6 +6,7 @@ or 4 lines of 4; Redwood: those below a line of 3 numbers. Anything else needs a
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,17 +50,19 @@ def read_pose_file(path: Path) -> PoseFile:
     text = read_text(path)
     if not text.lines:
         raise InputError(f"{text.name} has no poses; expected {KNOWN}")
-    ways = [False, True] if may_have_decimal_commas(text) else [False]
+    tables = [parse(text, decimal_commas=False)]
+    if may_have_decimal_commas(text):
+        with suppress(InputError):
+            tables.append(parse(text, decimal_commas=True))
     found, problems = [], []
-    for decimal_commas in ways:
+    for table in tables:
         try:
-            found.append(_poses(parse(text, decimal_commas)))
+            found.append(_poses(table))
         except InputError as error:
             problems.append(error)
     if len(found) > 1:
         raise InputError(f"{text.name}: its commas may separate numbers or stand for decimal points; write points")
     if not found:
-        # A line that is no table with one meaning of its commas tells less than the fault found with the other.
         raise problems[-1]
     return found[0]
 
@@ -87,12 +90,9 @@ def _poses(table: Table) -> PoseFile:
 def _named(table: Table, columns: Columns, words: list[str]) -> PoseFile:
     _require_lengths(table, columns.count)
     values = np.array(table.rows)
-    words = [columns.tool, *words, f"quaternion w {'first' if columns.w_first else 'last'}"]
-    if columns.length_unit not in (None, "m"):
-        words.append(f"positions in {columns.length_unit}")
     position_m = values[:, columns.position] * METRES[columns.length_unit]
-    stamps = values[:, columns.stamp]
-    return _stamped(table, stamps, position_m, values[:, columns.quaternion], columns.time_unit, tuple(words))
+    stamps, q, words = values[:, columns.stamp], values[:, columns.quaternion], [*columns.words(), *words]
+    return _stamped(table, stamps, position_m, q, columns.time_unit, tuple(words))
 
 
 def _stamped(
@@ -118,9 +118,7 @@ def _blocks(table: Table, words: list[str]) -> PoseFile:
     for k, row in enumerate(table.rows):
         expected = 3 if size == 5 and k % 5 == 0 else 4
         if len(row) != expected:
-            raise InputError(
-                f"{table.where(k)}: expected {expected} values of a matrix in lines of 4, found {len(row)}"
-            )
+            raise InputError(f"{table.where(k)}: expected {expected} values (matrices in lines of 4), found {len(row)}")
     if len(table.rows) % size:
         raise InputError(f"{table.where(len(table.rows) - 1)}: the file ends within a matrix of 4 lines")
     starts = np.arange(0, len(table.rows), size)

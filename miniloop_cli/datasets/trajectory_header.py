@@ -9,8 +9,9 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import InputError
 
 STAMP = re.compile(r"(?:.*_)?(?:timestamps?|time|stamp|t|sec|secs|seconds)")
-POSITION = re.compile(r"(?:.*_)?(?:t|p|pos|position|trans|translation|location)(?:_(?:rs_r|w|wc|wb))?|")
+POSITION = re.compile(r"(?:.*_)?(?:t|p|pos|pose|position|trans|translation|location)(?:_(?:rs_r|w|wc|wb))?|")
 QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation|rotation|rot)(?:_(?:rs|w|wc|wb))?")
+NANOSECONDS = re.compile(r"(?:.*_)?(?:nsecs?|nanosecs?|nanoseconds)")
 NAME = re.compile(r"[^\W\d][\w./]*(?:\s*[\[(][^\])]*[\])])?")
 TIME_UNITS = {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "msec": "ms", "us": "us", "µs": "us", "μs": "us"}
 TIME_UNITS |= {"usec": "us", "ns": "ns", "nsec": "ns"}
@@ -30,10 +31,16 @@ class Columns:
     length_unit: str | None
     tool: str  # "EuRoC CSV", or what the names are like
 
-    @property
-    def w_first(self) -> bool:
-        """Whether w stands before x, y and z."""
-        return self.quaternion[3] < self.quaternion[0]
+    def words(self) -> list[str]:
+        """What the header was taken for."""
+        used = (self.stamp, *self.position, *self.quaternion)
+        if used == tuple(range(self.count)):
+            words = ["TUM"]
+        else:
+            words = [self.tool, f"quaternion w {'first' if self.quaternion[3] < self.quaternion[0] else 'last'}"]
+        if self.length_unit not in (None, "m"):
+            words.append(f"positions in {self.length_unit}")
+        return words + ([f"{more} more columns unused"] if (more := self.count - len(used)) else [])
 
 
 def find_columns(comments: tuple[str, ...], header: str | None, count: int, name: str) -> Columns | None:
@@ -56,16 +63,19 @@ def find_columns(comments: tuple[str, ...], header: str | None, count: int, name
 
 
 def _columns(line: str, count: int, name: str) -> Columns | None:
+    """None for a line that is prose."""
     names = [_split(text) for text in _names(line)]
-    if len(names) > count:  # words before them, as in "format: timestamp tx ty tz qx qy qz qw"
-        names = names[-count:] if _roles(names[-count:], name).keys() >= _ALL else names
-    roles = _roles(names, name)
-    if len(roles.keys() & _ALL) < 6:
+    if len(names) > count and _roles(names[-count:])[0].keys() >= _ALL:
+        names = names[-count:]  # words before them, as in "format: timestamp tx ty tz qx qy qz qw"
+    roles, problem = _roles(names)
+    if len(roles) < (4 if len(names) == count else 6):
         return None
     if missing := sorted(_ALL - roles.keys()):
-        raise InputError(f"{name}: the header names no column for {', '.join(missing)}: '{shown(line[:80])}'")
-    if len(names) != count:
-        raise InputError(f"{name}: the header names {len(names)} columns, the first row has {count} values")
+        problem = problem or f"the header names no column for {', '.join(missing)}"
+    elif len(names) != count:
+        problem = problem or f"the header names {len(names)} columns, the first row has {count} values"
+    if problem:
+        raise InputError(f"{name}: {problem} in '{shown(line[:80])}'; expected names as in TUM's or EuRoC's files")
     time_unit, length_unit = _units(names, roles, line, name)
     return Columns(
         count,
@@ -98,21 +108,21 @@ def _split(text: str) -> tuple[str, str]:
     return stem, unit
 
 
-def _roles(names: list[tuple[str, str]], file: str) -> dict[str, int]:
-    """Column by role. Raises InputError where two columns claim the same."""
+def _roles(names: list[tuple[str, str]]) -> tuple[dict[str, int], str]:
+    """Column by role, and what is wrong with them ("" if nothing is)."""
     found: dict[str, int] = {}
+    problem = ""
     for k, (stem, _) in enumerate(names):
+        if NANOSECONDS.fullmatch(stem):
+            problem = f"the time is in two columns, '{stem}' is the second; write it as one number"
         role = _role(stem)
         if role is None:
             continue
-        if role in found:
-            # A bag's export has the time of the recording beside the stamp of the message.
-            if role == "stamp" and stem.endswith("header_stamp"):
-                found[role] = k
-                continue
-            raise InputError(f"{file}: both '{names[found[role]][0]}' and '{stem}' look like the column of {role}")
+        # A bag's export has the time of the recording beside the stamp of the message.
+        if role in found and not (role == "stamp" and stem.endswith("header_stamp")):
+            problem = f"both '{names[found[role]][0]}' and '{stem}' look like the column of {role}"
         found[role] = k
-    return found
+    return found, problem
 
 
 def _role(stem: str) -> str | None:

@@ -132,7 +132,9 @@ def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) ->
             f"{file.name}: the header says {file.time_unit}, but the stamps lie at the frames' times if they are in "
             f"{' or '.join(overlapping)}; correct the header"
         )
-    usual = [unit for unit in overlapping if _usual(stamps / PER_S[unit])] or overlapping
+    usual = [unit for unit in overlapping if _usual(stamps / PER_S[unit])]
+    if not usual and "s" in overlapping and np.median(np.diff(stamps)) > INTERVAL_S[1]:
+        return "s"  # poses far apart
     if len(usual) < 2:
         return usual[0] if usual else None
     served = {u: int(associate(frames_s, Trajectory(stamps / PER_S[u], T))[1].sum()) for u in usual}

@@ -17,7 +17,7 @@ MOST_POSES = 60  # of which all pairs are compared
 MIN_POSES_FOR_BODY = 8
 SAME, RELATED = 0.15, 0.5  # differences of motions below which poses agree, and below which they are of one path
 CLEARLY = 0.5  # a better convention leaves at most this much of the difference
-TURNED_DEG, LEVER_M = 10.0, 0.05
+TURNED_DEG, LEVER_M, MAX_LEVER_M = 10.0, 0.05, 2.0
 UNITS = {1000.0: "millimetres", 100.0: "centimetres", 0.001: "kilometres"}
 UNIT_SURE, UNIT_LIKELY = 0.01, 0.1
 
@@ -47,7 +47,7 @@ def in_our_convention(T_est: Floats, T_given: Floats, convention: str, any_scale
     if body is not None and off > 0:
         after = difference(motions(T_true @ body, i, j), known)
         turned, arm_m = se3.rotation_angle_deg(body[:3, :3]), np.linalg.norm(body[:3, 3])
-        if after < min(CLEARLY * off, RELATED) and (turned > TURNED_DEG or arm_m > LEVER_M):
+        if after < min(CLEARLY * off, RELATED) and arm_m < MAX_LEVER_M and (turned > TURNED_DEG or arm_m > LEVER_M):
             words = f"poses of a body that sits {_offset(body)} from the camera (IMU, markers)"
             if turned > TURNED_DEG:
                 raise MiniloopError(
