@@ -98,7 +98,7 @@ def _named(table: Table, columns: Columns, words: list[str]) -> PoseFile:
 def _stamped(
     table: Table, stamps: Floats, position_m: Floats, q: Floats, time_unit: str | None, words: tuple[str, ...]
 ) -> PoseFile:
-    length = np.linalg.norm(q, axis=1)
+    length = np.hypot(np.hypot(q[:, 0], q[:, 1]), np.hypot(q[:, 2], q[:, 3]))  # overflows for no finite number
     if (bad := np.abs(length - 1) > UNIT_QUATERNION).any():
         k = int(bad.argmax())
         if length[k] < 1e-6:

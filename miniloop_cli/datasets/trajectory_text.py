@@ -12,10 +12,12 @@ from miniloop_cli.errors import InputError
 
 COMMENTS = ("#", "%", "//")
 MAX_COLUMNS = 256
-NUMERIC = re.compile(r"[0-9eE+\-., ;\t]*")
+NUMERIC = re.compile(r"(?:[0-9+\-., ;\t]|[eE][+-]?[0-9]{1,3}(?![0-9]))*")  # longer exponents are damage
 NO_NUMBERS = re.compile(r"[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 SEPARATOR_BESIDE_DECIMAL_COMMA = re.compile(r"\s*;\s*|\s+")
+QUOTED = re.compile(r'(?<![^\s,;#])"([^"]*)"(?![^\s,;])')  # a whole cell
+REMARK = re.compile(r"\s+#")  # within a number, # is no remark but damage
 UTF_8, UTF_16 = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -55,7 +57,7 @@ def read_text(path: Path) -> Text:
     lines: list[tuple[int, str]] = []
     header = None
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", content), 1):
-        line = raw.strip().replace('"', "")
+        line = QUOTED.sub(r"\1", raw.strip())
         if not line:
             continue
         if line.startswith(COMMENTS):
@@ -64,7 +66,7 @@ def read_text(path: Path) -> Text:
         elif not lines and header is None and _is_word(SEPARATOR.split(line)[0]):
             header = line
         else:
-            lines.append((number, line.partition("#")[0].strip()))
+            lines.append((number, REMARK.split(line)[0]))
     return Text(name, tuple(lines), tuple(comments), header, encoding)
 
 
