@@ -87,7 +87,7 @@ def evaluate(
     plot: Path | None,
     quiet: bool,
 ) -> None:
-    """Absolute and relative errors of RESULT (a results folder or a TUM trajectory; default: the newest result).
+    """Absolute and relative errors of RESULT (a results folder or a trajectory; default: the newest result).
 
     \b
     Example:   miniloop eval results/desk --gt data/freiburg1_desk --plot results/desk

@@ -1,8 +1,8 @@
 """Made-up and damaged trajectories: `python tests/stress/fuzz_trajectories.py [INPUTS] [SEED]`.
 
 Each input is a random trajectory in a random format (columns, separators, decimal commas, encoding, units, header),
-most of them damaged afterwards. It must be read as a parser of this script's own reads it, which is told the format and does
-its arithmetic in decimals, or be refused in one line: by the reader, or beside a result by the check of conventions.
+most of them damaged afterwards. It must be read as a parser of this script's own reads it, which is told the format and
+takes numbers as decimals, or be refused in one line: by the reader, or beside a result by the check of conventions.
 Inputs that are read otherwise are kept and shown; the counts by format and damage are printed.
 """
 
