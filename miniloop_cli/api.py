@@ -44,7 +44,7 @@ def register(
     """Register a recording and write its results, report included, to `output` (default `results/<name>`).
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
-    `gravity`: an accelerometer table, `pose_prior`: rough poses in TUM's format (docs/priors.md);
+    `gravity`: an accelerometer table, `pose_prior`: a file of rough poses (docs/priors.md);
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
@@ -100,7 +100,7 @@ def evaluate(
     edges: Path | str | None = None,
     protocol: Protocol | None = None,
 ) -> Evaluation:
-    """Errors of a results folder or a TUM trajectory against a recording's ground truth or a TUM trajectory.
+    """Errors of a results folder or a trajectory against a recording's ground truth or a trajectory file.
 
     `edges`: an edges.csv, or a list of lines "i j", instead of the result's own verified edges. The numbers that
     `miniloop eval --json` writes are `.numbers` of what is returned. Raises MiniloopError where it cannot be done.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,11 @@ import click
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
+# The names of geometry.conventions, which is not imported for them: numpy would be.
+CONVENTIONS = [
+    *("camera-to-world", "world-to-camera", "opengl", "opengl-world-to-camera"),
+    *("w-first", "w-first-world-to-camera", "left-handed", "body"),
+]
 RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "one second"}
 
 
@@ -19,7 +25,15 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     "--gt",
     required=True,
     type=click.Path(exists=True, path_type=Path),
-    help="Ground truth: a TUM trajectory, or a sequence that has one.",
+    help="Ground truth: a trajectory (TUM, KITTI, EuRoC ...), or a sequence that has one.",
+)
+@click.option(
+    "--gt-convention",
+    "convention",
+    type=click.Choice(CONVENTIONS),
+    default=CONVENTIONS[0],
+    show_default=True,
+    help="What its poses mean, where that differs; body fits how a tracked body sits on the camera.",
 )
 @click.option(
     "--edges",
@@ -63,6 +77,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
 def evaluate(
     result: Path | None,
     gt: Path,
+    convention: str,
     edges_path: Path | None,
     association: str,
     max_diff: float,
@@ -72,7 +87,7 @@ def evaluate(
     plot: Path | None,
     quiet: bool,
 ) -> None:
-    """Absolute and relative errors of RESULT (a results folder or a TUM trajectory; default: the newest result).
+    """Absolute and relative errors of RESULT (a results folder or a trajectory; default: the newest result).
 
     \b
     Example:   miniloop eval results/desk --gt data/freiburg1_desk --plot results/desk
@@ -82,7 +97,7 @@ def evaluate(
     from miniloop_cli.results.folder import newest_result
 
     source = result or newest_result()
-    protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap)
+    protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap, convention=convention)
     evaluation = api.evaluate(source, gt, edges=edges_path, protocol=protocol)
     if json_path != "-":
         click.echo(table(evaluation.numbers, str(source), protocol.describe()))
@@ -104,6 +119,7 @@ def table(numbers: dict[str, Any], source: str, association: str) -> str:
         source,
         f"{numbers['poses_with_ground_truth']} of {numbers['poses']} poses have ground truth",
         association,
+        *textwrap.wrap(f"ground truth: {numbers['protocol']['ground_truth']}", 80, subsequent_indent="  "),
         "",
         f"{'ATE':<14}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}   {alignment}-aligned positions{scale}",
         f"{'cm':<14}" + "".join(f"{100 * numbers[f'ate_{key}_m']:9.3f}" for key in ("rmse", "mean", "median", "max")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from miniloop_cli.scene.priors import Accelerometer, Priors
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bools
 
+LOG = logging.getLogger("miniloop")
+
 
 def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Path | str | None = None) -> Priors:
-    """Priors of the frames of a sequence from an accelerometer table and a TUM trajectory, by their time stamps.
+    """Priors of the frames of a sequence from an accelerometer table and a trajectory, by their time stamps.
 
     Raises InputError naming file and line for what cannot be read, and for files of another time.
     """
@@ -28,7 +31,9 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
         accelerometer = Accelerometer(read_s, readings, verticals(read_s, readings, stamps), shown(Path(gravity)))
         _require(np.all(np.isfinite(accelerometer.up), axis=1), gravity, "readings")
     if poses is not None:
-        T, near = associate(stamps, read_trajectory(poses))
+        rough = read_trajectory(poses, stamps, lambda: {"frames of the recording": stamps})
+        LOG.info("pose prior: %s", rough.source)
+        T, near = associate(stamps, rough)
         T = np.where(near[:, None, None], T, np.nan)
         _require(near, poses, "poses")
     return Priors(accelerometer, T)

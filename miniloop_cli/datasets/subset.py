@@ -10,7 +10,7 @@ import numpy as np
 
 from miniloop_cli.datasets.open import open_sequence
 from miniloop_cli.datasets.paths import shown
-from miniloop_cli.datasets.trajectory import read_trajectory
+from miniloop_cli.datasets.read import read_ground_truth
 from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.runtime.atomic_files import temporary_name
 from miniloop_cli.scene.sequence import Frame, Sequence
@@ -21,8 +21,8 @@ USAGE = "usage: python -m miniloop_cli.datasets.subset SEQ DIR FRAMES"
 def evenly_spaced(sequence: Sequence, count: int) -> tuple[Frame, ...]:
     """Frames round(linspace(0, last, count)) of those that the ground truth covers, of all where there is none."""
     frames = sequence.frames
-    if sequence.ground_truth_path:
-        covered = read_trajectory(sequence.ground_truth_path).timestamps_s[[0, -1]]
+    if truth := read_ground_truth(sequence):
+        covered = truth.timestamps_s[[0, -1]]
         frames = tuple(f for f in frames if covered[0] <= f.timestamp_s <= covered[1])
     if not 1 <= count <= len(frames):
         raise InputError(f"{shown(sequence.root)} has {len(frames)} frames to choose from; {count} cannot be had")

@@ -1,21 +1,19 @@
-"""Trajectories in TUM's text format: `timestamp tx ty tz qx qy qz qw` a line, camera to world."""
+"""Trajectories: read from the formats of many tools, written in TUM's (`timestamp tx ty tz qx qy qz qw` a line)."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.association import parse_stamp
-from miniloop_cli.datasets.paths import read_lines, shown
-from miniloop_cli.errors import InputError
+from miniloop_cli.datasets.trajectory_formats import read_pose_file
+from miniloop_cli.datasets.trajectory_stamps import Numbered, in_seconds
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.typing import Floats
 
 HEADER = "# timestamp tx ty tz qx qy qz qw (s, m, camera to world)"
-MAX_COORDINATE_M = 1e7
 
 
 def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
@@ -25,35 +23,14 @@ def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
     return Trajectory(stamps, se3.from_rows(values))
 
 
-def read_trajectory(path: Path | str) -> Trajectory:
-    """A trajectory or ground truth file; sorted by time, the first of equal stamps kept, quaternions normalised.
+def read_trajectory(path: Path | str, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
+    """The poses of a trajectory or ground truth file, sorted by time; `source` says how the file was read.
 
-    Raises InputError naming file and line for anything that is not eight finite numbers with a usable quaternion,
-    and for a file without poses.
+    `frames_s`: (m,) sorted stamps of the frames that the poses are for, which tell the unit of the file's stamps;
+    `numbered`: gives the stamps of the frames by number, for formats without stamps.
+    Raises InputError naming file and line for what is malformed, and for what could mean more than one thing.
     """
-    path = Path(path)
-    rows: dict[float, tuple[float, ...]] = {}
-    name = shown(path)
-    for number, line in read_lines(path):
-        where = f"{name}:{number}"
-        parts = line.replace(",", " ").split()
-        if len(parts) < 8:
-            raise InputError(f"{where}: expected 'timestamp tx ty tz qx qy qz qw', found {len(parts)} values")
-        stamp = parse_stamp(parts[0], where)
-        try:
-            values = tuple(float(text) for text in parts[1:8])
-        except ValueError:
-            raise InputError(f"{where}: not a number in '{shown(line[:80])}'") from None
-        if not all(math.isfinite(v) for v in values):
-            raise InputError(f"{where}: NaN or infinity in the pose; remove the row")
-        if max(map(abs, values)) > MAX_COORDINATE_M:
-            raise InputError(f"{where}: a value beyond {MAX_COORDINATE_M:.0e}; positions are in metres")
-        if math.hypot(*values[3:]) < 1e-6:
-            raise InputError(f"{where}: the quaternion is zero; remove the row")
-        rows.setdefault(stamp, values)
-    if not rows:
-        raise InputError(f"{name} has no poses; expected lines 'timestamp tx ty tz qx qy qz qw'")
-    return from_rows(rows)
+    return in_seconds(read_pose_file(Path(path)), frames_s, numbered)
 
 
 def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:

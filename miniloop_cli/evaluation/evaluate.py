@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.evaluation.agreement import in_our_convention
 from miniloop_cli.evaluation.errors import consecutive_pairs, pairs_apart, relative_errors, statistics
 from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.scene.interpolation import associate
@@ -24,6 +25,7 @@ class Protocol:
     max_diff_s: float = 0.02  # a sample this near to a frame's stamp is always enough
     max_gap_s: float = 0.1  # association "interpolate": or samples around the stamp that are at most this far apart
     delta_s: float = 1.0  # the time apart of the pairs in rpe "seconds"
+    convention: str = "camera-to-world"  # of the ground truth: a name of geometry.conventions, or "body"
 
     def describe(self) -> str:
         """The association in words."""
@@ -69,7 +71,7 @@ def evaluate(
     `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph, `edges_are` what the
     protocol calls them. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory.
     "consecutive" are neighbours among the poses that have ground truth, as in evo.
-    Raises MiniloopError if fewer than three poses have ground truth.
+    Raises MiniloopError if fewer than three poses have ground truth, and if its poses are of another convention.
     """
     protocol = protocol or Protocol()
     T_true, known = associate(
@@ -81,6 +83,7 @@ def evaluate(
             f"{len(stamps)} of {len(known)} poses have ground truth (stamps {span(trajectory)} against "
             f"{span(ground_truth)}); at least 3 are needed: is it the ground truth of this sequence?"
         )
+    T_true, notes = in_our_convention(T_est, T_true, protocol.convention, protocol.alignment == "Sim3")
     alignment = align_points(T_est[:, :3, 3], T_true[:, :3, 3], protocol.alignment == "Sim3")
     T_aligned = alignment.poses(T_est)
     ate = statistics(np.linalg.norm(T_aligned[:, :3, 3] - T_true[:, :3, 3], axis=1))
@@ -100,7 +103,8 @@ def evaluate(
     numbers: dict[str, Any] = {f"ate_{key}_m": ate[key] for key in ("rmse", "mean", "median", "max")}
     numbers |= {"poses": len(known), "poses_with_ground_truth": len(stamps), "scale": alignment.scale, "rpe": rpe}
     deltas = {name: delta for name, (_, delta) in pairs.items()}
-    numbers["protocol"] = {"alignment": protocol.alignment, "delta": deltas} | shared
+    read = ", ".join(filter(None, (ground_truth.source, *notes)))
+    numbers["protocol"] = {"alignment": protocol.alignment, "delta": deltas, "ground_truth": read} | shared
     return Evaluation(numbers, stamps, T_aligned, T_true)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.datasets.open import recognise
 from miniloop_cli.datasets.trajectory import read_trajectory
-from miniloop_cli.errors import InputError
+from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.evaluation.evaluate import Protocol
 from miniloop_cli.results.folder import Results, edge_stamps, read_edge_list, read_table
 from miniloop_cli.scene.sequence import Trajectory
@@ -37,19 +38,42 @@ def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Pr
     else:
         edges = read_edge_list(edges_path, frame_stamps(folder, truth))
     edges_are = f"edges of {edges_path.name}" if edges_path else "verified edges"
-    return trajectory, ground_truth(truth), edges, protocol, edges_are
+    return trajectory, ground_truth(truth, trajectory.timestamps_s, folder), edges, protocol, edges_are
 
 
-def ground_truth(path: Path) -> Trajectory:
-    """The trajectory at `path`: a file, a TUM folder's groundtruth.txt, or what a recording of another layout has."""
-    if path.is_file() and recognise(path) is None:
-        return read_trajectory(path)
-    if (path / "groundtruth.txt").is_file():
-        return read_trajectory(path / "groundtruth.txt")
-    truth = read_ground_truth(open_sequence(path))
+def ground_truth(path: Path, frames_s: Floats, folder: Results | None) -> Trajectory:
+    """The trajectory at `path`: a file, a folder's groundtruth.txt, or what a recording of another layout has.
+
+    `frames_s`: (n,) stamps of the poses to be measured; `folder`: their run, which knows the frames by number.
+    """
+    file = path if path.is_file() else path / "groundtruth.txt"
+    if file.is_file() and (path.is_dir() or recognise(path) is None):
+        return read_trajectory(file, frames_s, lambda: _numbered(path, frames_s, folder))
+    sequence = open_sequence(path)
+    truth = read_ground_truth(sequence)
     if truth is None:
         raise InputError(f"{path} comes without ground truth (no groundtruth.txt): give a trajectory file to --gt")
-    return truth
+    return truth if truth.source else replace(truth, source=f"poses of the recording ({sequence.layout})")
+
+
+def _numbered(path: Path, frames_s: Floats, folder: Results | None) -> dict[str, Floats]:
+    """(n,) stamps by frame number: of the recording, of the run's frames.csv, else of the poses themselves."""
+    numbered = {}
+    recording = path if path.is_dir() else _recording_of(folder)
+    if recording is not None:
+        try:
+            frames = open_sequence(recording).frames
+            numbered["frames of the recording"] = np.array([frame.timestamp_s for frame in frames])
+        except MiniloopError:
+            pass  # moved, or a folder with nothing but a ground truth: the run's own table counts as well
+    if folder and len(folder.frame_stamps_s):
+        numbered["frames of frames.csv"] = folder.frame_stamps_s
+    return numbered or {"poses of the result": frames_s}
+
+
+def _recording_of(folder: Results | None) -> Path | None:
+    recording = folder.summary.get("recording") if folder else None
+    return Path(recording) if isinstance(recording, str) else None
 
 
 def frame_stamps(folder: Results | None, truth: Path) -> Floats:

@@ -27,6 +27,7 @@ class Trajectory:
 
     timestamps_s: Floats
     T_world_cam: Floats
+    source: str = ""  # for people: the format of the file, and what was converted
 
 
 @dataclass(frozen=True)

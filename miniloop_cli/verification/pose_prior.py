@@ -15,7 +15,7 @@ from miniloop_cli.config import PosePrior
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.geometry.conventions import OPENGL_AXES
+from miniloop_cli.geometry.conventions import CONVENTIONS
 from miniloop_cli.graph.visibility import in_view
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import ScanPoints
@@ -88,11 +88,14 @@ def _require_agreement(edges: EdgeTable, T_world_cam: Floats, settings: PosePrio
     share = _agreeing(sure, T_world_cam, settings)
     if len(sure) < MIN_SURE or not share < MIN_AGREEING:
         return
-    others = {
-        "camera axes x right, y up, z backward (ARKit, OpenGL)": T_world_cam @ OPENGL_AXES,
-        "poses world to camera": se3.inverse(T_world_cam),
-        "both": se3.inverse(OPENGL_AXES @ T_world_cam),
-    }
+    known = np.isfinite(T_world_cam).all(axis=(1, 2))
+    others = {}
+    for convention in CONVENTIONS.values():
+        for unit, per_m in (("", 1.0), (", in millimetres", 1000.0)):
+            T = T_world_cam.copy()
+            T[known] = convention.ours(T_world_cam[known])
+            T[:, :3, 3] /= per_m
+            others[convention.words + unit] = T
     best = max(others, key=lambda name: _agreeing(sure, others[name], settings))
     hint = f"they would agree as {best}; " if _agreeing(sure, others[best], settings) > MIN_AGREEING else ""
     raise InputError(

@@ -39,27 +39,38 @@ def test_messy_but_sound_files(tmp_path):
     path = tmp_path / "t.txt"
     path.write_bytes(
         b"\xef\xbb\xbf# comment\r\n\r\n"
-        b"3.0 7 0 0 0 0 0 2\r\n"  # a quaternion of length 2
+        b"3.0 7 0 0 0 0 0 1.01\r\n"  # a rounded quaternion
         b"1.0, 1, 0, 0, 0, 0, 0, 1\r\n"  # commas, and earlier
         b"3.0 9 0 0 0 0 0 1\r\n"  # the stamp again
-        b"2.0 5 0 0 0 0 1.001 0 extra\n"
+        b"2.0 5 0 0 0 0 1.001 0  # a remark\n"
     )
     read = read_trajectory(path)
     assert read.timestamps_s.tolist() == [1, 2, 3]
     assert read.T_world_cam[:, 0, 3].tolist() == [1, 5, 7]
     np.testing.assert_allclose(read.T_world_cam[2], se3.pose(np.eye(3), [7, 0, 0]))
     np.testing.assert_allclose(read.T_world_cam[1, :3, :3], np.diag([-1, -1, 1]), atol=1e-12)
+    assert "sorted by time (line 4 " in read.source and "1 of 4 rows left out (the stamp of line 5" in read.source
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("# only\n", "has no poses"),
-        ("1 2 3\n", r"t\.txt:1: expected 'timestamp tx ty tz qx qy qz qw', found 3 values"),
+        ("1 2 3\n", r"t\.txt:1: expected lines .timestamp tx ty tz qx qy qz qw.*found 3 values"),
         ("0 0 0 0 0 0 0 1\n# c\n1 nan 0 0 0 0 0 1\n", r"t\.txt:3: NaN or infinity"),
         ("nan 0 0 0 0 0 0 1\n", r"t\.txt:1: the timestamp is nan"),
         ("1 0 0 0 0 0 inf 1\n", r"t\.txt:1: NaN or infinity"),
         ("1 0 0 0 0 0 0 0\n", r"t\.txt:1: the quaternion is zero"),
+        ("1 0 0 0 0 0 0 2\n", r"t\.txt:1: no unit quaternion \(length 2\)"),
+        ("1 0 0 0 0 0 0 1\n2 5 0 0 0 0 1 0 extra\n", r"t\.txt:2: not a number in"),
+        ("1 0 0 0 0 0 0 1\n2 5 0 0 0 0 1 0 7\n", r"t\.txt:2: expected 8 values as in the first row, found 9"),
+        ("1 0 0 0 0 0 0 1\n2,,5,0,0,0,0,1,0\n", r"t\.txt:2: a value is missing"),
+        ("1 0 0 1_0 0 0 0 1\n", r"t\.txt:1: not a number in"),
+        ("1 0 0 1e400 0 0 0 1\n", r"t\.txt:1: a value beyond all numbers"),
+        ("1 0 0 0 0 0.1#5 0 1\n", r"t\.txt:1: not a number in"),
+        ('1 0 0 0 0 0."5 0 1\n', r"t\.txt:1: not a number in"),
+        ("1 0 0 0e12345 0 0 0 1\n", r"t\.txt:1: not a number in"),
+        ("\0" * 50, "is no text file"),
         ("1 0 0 x 0 0 0 1\n", r"t\.txt:1: not a number in"),
         ("1 0 0 1e20 0 0 0 1\n", r"t\.txt:1: a value beyond"),
     ],

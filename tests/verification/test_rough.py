@@ -78,9 +78,13 @@ def test_another_world_is_as_good(turn, rng):
     [
         (lambda T: T @ OPENGL_AXES, r"they would agree as camera axes x right, y up, z backward"),
         (se3.inverse, "they would agree as poses world to camera"),
+        (
+            lambda T: se3.pose(T[:, :3, :3], 1000 * T[:, :3, 3]),
+            "they would agree as poses camera to world, in millimetres",
+        ),
         (lambda T: se3.pose(T[:, :3, :3], 10 * T[:, :3, 3] + 3 * np.arange(SCANS)[:, None]), "expected are metres"),
     ],
-    ids=["opengl", "inverse", "scale"],
+    ids=["opengl", "inverse", "millimetres", "scale"],
 )
 def test_other_conventions_are_recognised(turn, given, said):
     T, _, edges = turn

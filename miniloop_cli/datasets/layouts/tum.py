@@ -56,7 +56,10 @@ class Tum:
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The motion capture trajectory, where there is one."""
-        return read_trajectory(sequence.ground_truth_path) if sequence.ground_truth_path else None
+        if sequence.ground_truth_path is None:
+            return None
+        stamps = np.array([frame.timestamp_s for frame in sequence.frames])
+        return read_trajectory(sequence.ground_truth_path, stamps, lambda: {"frames of the recording": stamps})
 
 
 def choose_camera(root: Path, camera_path: Path | None, frames: tuple[Frame, ...] = ()) -> Camera:

@@ -1,0 +1,180 @@
+"""From the stamps or the order of the poses in a file to seconds on the clock of the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from miniloop_cli.datasets.trajectory_formats import PoseFile
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.interpolation import associate
+from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.typing import Bools, Floats, Ints
+
+PER_S = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+MAX_STAMP_S = 1e12
+SINCE_1970_S = (1e8, 1e10)  # 1973 to 2286
+INTERVAL_S = (0.0005, 10.0)  # between poses of one trajectory
+CLEARLY = 2.0  # how many times as many frames the right unit serves
+MARGIN_S = 0.1
+EQUAL_SHARE = 0.05  # more stamps that repeat others have lost digits
+UNSORTED_SHARE = 0.2
+LATE = 3.0  # median steps by which a row may stand late
+SAME_RHYTHM_S = 0.002
+
+# (n,) stamps of the frames by number, by the words for what counts them; asked for only where a file needs them.
+Numbered = Callable[[], Mapping[str, Floats]]
+
+
+def in_seconds(file: PoseFile, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
+    """The poses by time, in seconds on the clock of the frames.
+
+    `frames_s`: (m,) sorted stamps of the frames that the poses are for: the unit of the file's stamps is the one that
+    lays them there. Without, they are taken by their size. `numbered`: for files with one pose
+    a frame instead of stamps on the clock of the frames.
+    Raises InputError where no unit fits, where two do, and where the stamps repeat, jump back or are of another clock.
+    """
+    if file.stamps is None:
+        return by_number(file, numbered())
+    keep, words = _in_order(file, file.stamps)
+    stamps, T = file.stamps[keep], file.T_world_cam[keep]
+    unit = file.time_unit or _unit_by_size(stamps)
+    if frames_s is not None and len(frames_s):
+        if counts_rows(stamps) and file.time_unit is None:
+            return _by_counter(file, stamps, T, frames_s, numbered(), words)
+        unit = _unit_beside(file, stamps, T, frames_s) or ""
+        if not unit:
+            return _shifted(file, stamps, T, frames_s, numbered(), words)
+    stamps_s = stamps / PER_S[unit]
+    if (largest := np.abs(stamps_s).max()) > MAX_STAMP_S:
+        raise InputError(f"{file.name}: a stamp of {largest:.3g} s; expected s, ms, us or ns")
+    return Trajectory(stamps_s, T, ", ".join((*file.format, f"stamps in {unit}", *words)))
+
+
+def counts_rows(stamps: Floats) -> bool:
+    """Whether (n,) sorted stamps are 0, 1, 2 ... or 1, 2, 3 ...: numbers of rows or frames, hardly times."""
+    return len(stamps) > 2 and stamps[0] in (0, 1) and bool((np.diff(stamps) == 1).all())
+
+
+def by_number(file: PoseFile, numbered: Mapping[str, Floats]) -> Trajectory:
+    """Poses without stamps, by frame number. Raises InputError unless they are as many as the frames."""
+    for name, stamps_s in numbered.items():
+        whole = file.numbers is None or np.array_equal(file.numbers, np.arange(len(stamps_s)))
+        if whole and len(file.T_world_cam) == len(stamps_s):
+            words = f"by frame number ({len(stamps_s)}: {name})"
+            return Trajectory(np.asarray(stamps_s, float), file.T_world_cam, ", ".join((*file.format, words)))
+    counts = ", ".join(f"{len(stamps_s)} {name}" for name, stamps_s in numbered.items()) or "no frames to count"
+    raise InputError(
+        f"{file.name}: {file.format[0]} has no time stamps, and its {len(file.T_world_cam)} poses are not one a frame "
+        f"({counts}); give 'timestamp tx ty tz qx qy qz qw' instead"
+    )
+
+
+def _by_counter(
+    file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats, numbered: Mapping[str, Floats], words: list[str]
+) -> Trajectory:
+    """Poses whose first column counts: by frame number, or in seconds where the frames are a second apart."""
+    for name, stamps_s in numbered.items():
+        if len(stamps_s) == len(stamps):
+            found = f"rows counted, by frame number ({len(stamps)}: {name})"
+            return Trajectory(np.asarray(stamps_s, float), T, ", ".join((*file.format, found, *words)))
+    if len(frames_s) > 1 and np.isin(frames_s, stamps).mean() > 0.5:
+        return Trajectory(stamps, T, ", ".join((*file.format, "stamps in s", *words)))
+    counts = ", ".join(f"{len(stamps_s)} {name}" for name, stamps_s in numbered.items()) or f"{len(frames_s)} poses"
+    raise InputError(
+        f"{file.name}: the first column counts {len(stamps)} rows ({stamps[0]:g}, {stamps[1]:g}, {stamps[2]:g} ...) "
+        f"instead of giving times, and there are {counts}; write the frames' time stamps there"
+    )
+
+
+def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
+    """Rows in the order of time, the first of equal stamps, and what was done. Raises InputError."""
+    steps, words = np.diff(stamps), []
+    back = steps < 0
+    if back.any() and not (steps <= 0).all():
+        k = int((back & (-steps > LATE * np.median(np.abs(steps)))).argmax())
+        if -steps[k] > LATE * np.median(np.abs(steps)):
+            raise InputError(
+                f"{file.where(k + 1)}: the stamps start again here ({stamps[k]:.9g}, then {stamps[k + 1]:.9g}); is the "
+                "first column the time, and is this one trajectory?"
+            )
+        if len(steps) >= 10 and back.mean() > UNSORTED_SHARE:
+            where = file.where(int(back.argmax()) + 1)
+            raise InputError(f"{where}: the first column falls at {back.sum()} of {len(steps)} rows: is it the time?")
+    if back.any():
+        words.append(f"sorted by time (line {file.lines[int(back.argmax()) + 1]} is earlier than the one before)")
+    keep = np.unique(stamps, return_index=True)[1]
+    if equal := len(stamps) - len(keep):
+        row = int(np.setdiff1d(np.arange(len(stamps)), keep)[0])
+        if equal > max(1, EQUAL_SHARE * len(stamps)):
+            raise InputError(
+                f"{file.where(row)}: the stamp {stamps[row]:.9g} again, as in {equal} of {len(stamps)} rows: digits "
+                "are lost; write stamps to the microsecond"
+            )
+        words.append(f"{equal} of {len(stamps)} rows left out (the stamp of line {file.lines[row]} again)")
+    return keep, words
+
+
+def _unit_by_size(stamps: Floats) -> str:
+    """Times since 1970 tell their unit; smaller ones are in seconds, as TUM has them."""
+    largest = float(np.abs(stamps).max())
+    return next((unit for unit, per_s in PER_S.items() if SINCE_1970_S[0] <= largest / per_s < SINCE_1970_S[1]), "s")
+
+
+def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) -> str | None:
+    """The unit that lays the stamps among those of the frames; None if none does. Raises InputError if two do."""
+    overlapping = [unit for unit in PER_S if _inside(stamps / PER_S[unit], frames_s).any()]
+    if file.time_unit:
+        if file.time_unit in overlapping or not overlapping:
+            return file.time_unit if file.time_unit in overlapping else None
+        raise InputError(
+            f"{file.name}: the header says {file.time_unit}, but the stamps lie at the frames' times if they are in "
+            f"{' or '.join(overlapping)}; correct the header"
+        )
+    usual = [unit for unit in overlapping if _usual(stamps / PER_S[unit])]
+    if not usual and "s" in overlapping and np.median(np.diff(stamps)) > INTERVAL_S[1]:
+        return "s"  # poses far apart
+    if len(usual) < 2:
+        return usual[0] if usual else None
+    served = {u: int(associate(frames_s, Trajectory(stamps / PER_S[u], T))[1].sum()) for u in usual}
+    first, second, *_ = sorted(usual, key=lambda unit: -served[unit])
+    if served[first] < CLEARLY * served[second] or not served[first]:
+        raise InputError(
+            f"{file.name}: stamps from {stamps[0]:.9g} to {stamps[-1]:.9g} may be in {first} or in {second}; say "
+            f"so in a header: '# timestamp[{first}] tx ty tz qx qy qz qw'"
+        )
+    return first
+
+
+def _inside(stamps_s: Floats, frames_s: Floats) -> Bools:
+    return np.asarray((frames_s >= stamps_s[0] - MARGIN_S) & (frames_s <= stamps_s[-1] + MARGIN_S))
+
+
+def _usual(stamps_s: Floats) -> bool:
+    return len(stamps_s) < 2 or INTERVAL_S[0] <= float(np.median(np.diff(stamps_s))) <= INTERVAL_S[1]
+
+
+def _shifted(
+    file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats, numbered: Mapping[str, Floats], words: list[str]
+) -> Trajectory:
+    """Stamps of another clock: shifted where there is one pose a frame in the same rhythm, else refused."""
+    unit = file.time_unit or _unit_by_size(stamps)
+    for guess in [file.time_unit] if file.time_unit else PER_S:
+        for name, stamps_s in numbered.items():
+            shift = np.asarray(stamps_s) - stamps / PER_S[guess] if len(stamps_s) == len(stamps) > 2 else np.zeros(0)
+            if len(shift) and np.ptp(shift) < SAME_RHYTHM_S:
+                found = f"stamps in {guess}, shifted by {shift.mean():.6f} s onto the frames ({len(shift)}: {name})"
+                return Trajectory(np.asarray(stamps_s, float), T, ", ".join((*file.format, found, *words)))
+    at_s = stamps / PER_S[unit]
+    advice = "is it of this recording?"
+    if abs(at_s[0]) < SINCE_1970_S[0] <= frames_s[0] < SINCE_1970_S[1]:
+        advice += (
+            f" It counts from a start of its own: add the frames' clock at that start (near {frames_s[0]:.6f}) to it"
+        )
+    elif abs(frames_s[0]) < SINCE_1970_S[0] <= at_s[0] < SINCE_1970_S[1]:
+        advice += " The frames have no such clock: subtract the time of the first frame"
+    raise InputError(
+        f"{file.name}: no poses at the times of the frames (stamps {at_s[0]:.3f} to {at_s[-1]:.3f} {unit} against "
+        f"{frames_s[0]:.3f} to {frames_s[-1]:.3f} s); {advice}"
+    )
