@@ -61,8 +61,9 @@ def register(
         settings = load_settings(settings, tuple(overrides))
     sequence = open_sequence(Path(folder), layout=layout, camera_path=camera, max_frames=max_frames)
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
-    for note in (f"camera: {sequence.camera.source}", *sequence.notes):
-        LOG.info("%s", note)
+    LOG.info("camera: %s", sequence.camera.source)
+    for note in sequence.notes:
+        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
     priors = read_priors(sequence, gravity, pose_prior)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)

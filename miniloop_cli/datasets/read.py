@@ -69,8 +69,8 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
     depth_m = stored.astype(np.float32) / scale
-    if sequence.depth_format.no_reading is not None:
-        depth_m[stored == sequence.depth_format.no_reading] = 0
+    for value in sequence.depth_format.no_reading:
+        depth_m[stored == value] = 0
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)

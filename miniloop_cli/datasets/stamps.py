@@ -19,7 +19,8 @@ class Unit(NamedTuple):
 
 SECONDS = Unit(1.0, "seconds")
 FRAME_NUMBERS = Unit(30.0, "frame numbers")  # at the nominal rate of these cameras
-UNITS = (SECONDS, Unit(1e3, "milliseconds"), Unit(1e6, "microseconds"), Unit(1e9, "nanoseconds"))
+MICROSECONDS = Unit(1e6, "microseconds")
+UNITS = (SECONDS, Unit(1e3, "milliseconds"), MICROSECONDS, Unit(1e9, "nanoseconds"))
 
 # Intervals (s) that a recording has. The units are a factor of 1000 apart, and so are the ends: one unit fits at most.
 CAMERA_S = (0.008, 8.0)
@@ -33,11 +34,12 @@ MOST_PARTS = 10  # a clock that starts again more often is a table out of order
 MIN_JUMP = 3.0  # intervals that a clock jumps back when it starts again; neighbours change places by less
 
 
-def unit_of(stamps: ArrayLike, usual_s: tuple[float, float] = CAMERA_S) -> Unit | None:
+def unit_of(stamps: ArrayLike, usual_s: tuple[float, float] = CAMERA_S, whole: bool = True) -> Unit | None:
     """The unit of (n,) stamps in any order, by their median interval and magnitude; None where it cannot be told.
 
     `usual_s` is the range in which the interval lies: CAMERA_S for images, SENSOR_S for what is measured faster.
-    Times since 1970 are known by their magnitude. Whole numbers one apart count frames.
+    Times since 1970 are known by their magnitude. Whole numbers one apart count frames, unless they are written with
+    decimals (`whole` is False).
     """
     times = np.unique(np.asarray(stamps, float))
     if not len(times):
@@ -46,7 +48,7 @@ def unit_of(stamps: ArrayLike, usual_s: tuple[float, float] = CAMERA_S) -> Unit 
     if len(times) == 1:
         return _since_1970(largest, 0.0) or SECONDS
     interval = float(np.median(np.diff(times)))
-    whole = bool((times == np.floor(times)).all())
+    whole = whole and bool((times == np.floor(times)).all())
     if epoch := _since_1970(largest, interval):
         likely = _usual(interval, usual_s)
         # Days of uptime in milliseconds are as large as seconds since 1970.

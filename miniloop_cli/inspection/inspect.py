@@ -45,7 +45,7 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
         "layout": sequence.layout,
         "frames": len(sequence.frames),
         "camera": asdict(sequence.camera) | {"distortion": list(sequence.camera.distortion)},
-        "notes": list(sequence.notes),
+        "notes": [str(note) for note in sequence.notes],
         "timing": timing(sequence),
     }
     broken = _broken_headers(sequence)

@@ -86,7 +86,7 @@ def summary(run: Registration) -> dict[str, Any]:
         "camera": run.sequence.camera.source,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
-        "notes": [*run.sequence.notes, *run.notes],
+        "notes": [*map(str, run.sequence.notes), *run.notes],
         "prior_notes": list(run.notes),
         "timings_s": run.timings_s,
         "seed": run.seed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 
 from miniloop_cli.geometry.camera import Camera
@@ -41,11 +42,37 @@ class Scan:
     mask: Bools | None = None
 
 
+class NoteKind(StrEnum):
+    """What a reader did with a recording that its user did not ask for."""
+
+    DROPPED = "dropped"  # files or rows that are not used
+    ASSUMED = "assumed"  # what nothing states
+    PAIRED = "paired"  # how images found their partners
+    CONVERTED = "converted"  # from other units or formats
+    UNUSED = "unused"  # what lies beside the images and is not read
+
+
+@dataclass(frozen=True)
+class Note:
+    """One sentence on what happened between folder and frames, with number and reason."""
+
+    kind: NoteKind
+    text: str
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the user should see it unasked: something is missing from the result, or may be wrong."""
+        return self.kind in (NoteKind.DROPPED, NoteKind.ASSUMED)
+
+    def __str__(self) -> str:
+        return self.text
+
+
 @dataclass(frozen=True)
 class DepthFormat:
     """How a layout stores depth beyond the camera's scale."""
 
-    no_reading: int | None = None  # a stored value that means "no reading", besides 0
+    no_reading: tuple[float, ...] = ()  # stored values that mean "no reading", besides 0
     resample: bool = False  # depth may be a registered image of lower resolution (phones): nearest neighbour
 
 
@@ -58,7 +85,7 @@ class Sequence:
     camera: Camera
     frames: tuple[Frame, ...]
     ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
-    notes: tuple[str, ...] = field(default=())  # what the reader dropped or assumed, for the log and the report
+    notes: tuple[Note, ...] = field(default=())  # what the reader dropped, assumed ..., for terminal, log and report
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in

@@ -10,20 +10,19 @@ import numpy as np
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     given_camera,
-    numbered_files,
-    numbered_images,
     numbers,
-    pair_by_number,
     read_json,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, shown
+from miniloop_cli.datasets.stamps import MICROSECONDS
+from miniloop_cli.datasets.stream import named_stream, stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.conventions import OPENGL_AXES
-from miniloop_cli.scene.sequence import DepthFormat, Sequence, Trajectory
+from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 
-STAMPS_HZ = 1e6  # files are named by microseconds
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
 ZOOM_TOLERANCE = 0.01
 
@@ -41,25 +40,25 @@ class Polycam:
         The phone refocuses, so every frame has its own intrinsics; their median is used, and a note says how far the
         focal length strays.
         """
-        color = numbered_images(root, "keyframes/images", rate_hz=STAMPS_HZ)
-        frames, notes, available = pair_by_number(
-            root, color, numbered_images(root, "keyframes/depth", rate_hz=STAMPS_HZ), STAMPS_HZ
-        )
+        color = named_stream(root, "keyframes/images", IMAGE_SUFFIXES, MICROSECONDS)
+        depth = named_stream(root, "keyframes/depth", DEPTH_SUFFIXES, MICROSECONDS)
+        found = pair(root, color, depth)
+        notes = found.notes
         camera = given_camera(root, camera_path)
         if camera is None:
-            files = numbered_files(root, "keyframes/cameras", (".json",), STAMPS_HZ)
+            files = stamped_files(root, "keyframes/cameras", (".json",), MICROSECONDS)
             values = np.array([_values(path, PINHOLE) for path in files.values()])
-            if not len(values):
-                raise InputError(f"{shown(root)}: no camera in keyframes/cameras; give --camera FILE")
             median = dict(zip(PINHOLE, np.median(values, axis=0).tolist(), strict=True)) | {"depth_scale": 1000.0}
             source = f"median of the {len(values)} cameras in keyframes/cameras"
             camera = make_camera(median, shown(root / "keyframes/cameras"), source)
             stray = np.abs(values[:, 0] / camera.fx - 1).max()
             if stray > ZOOM_TOLERANCE:
-                notes = (*notes, f"the focal length strays by up to {100 * stray:.1f} % from its median, which is used")
+                text = f"the focal length strays by up to {100 * stray:.1f} % from its median, which is used"
+                notes = (*notes, Note(NoteKind.ASSUMED, text))
         truth = root / "keyframes" / "cameras"
         given = truth if truth.is_dir() else None
-        return Sequence(root.name, root, camera, frames, given, notes, available, DepthFormat(resample=True))
+        form = DepthFormat(resample=True)
+        return Sequence(root.name, root, camera, found.frames, given, notes, found.available, form)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """ARKit's poses t_00 ... t_23 (OpenGL camera axes), camera to world: a reference, not the truth."""
@@ -67,9 +66,9 @@ class Polycam:
             return None
         keys = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
         poses = {}
-        for number, path in numbered_files(sequence.root, "keyframes/cameras", (".json",), STAMPS_HZ).items():
+        for stamp, path in stamped_files(sequence.root, "keyframes/cameras", (".json",), MICROSECONDS).items():
             T = np.vstack([_values(path, keys).reshape(3, 4), [0, 0, 0, 1]])
-            poses[number / STAMPS_HZ] = usable_pose(T @ OPENGL_AXES, shown(path))
+            poses[stamp] = usable_pose(T @ OPENGL_AXES, shown(path))
         return trajectory_of(poses, shown(sequence.ground_truth_path))
 
 

@@ -9,22 +9,20 @@ import numpy as np
 
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
-    RATE_HZ,
     given_camera,
-    numbered_files,
-    numbered_images,
     numbers,
-    pair_by_number,
     read_json,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import read_lines, shown
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, read_lines, shown
+from miniloop_cli.datasets.stream import named_stream, stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Sequence, Trajectory
 
-COLOR = ("color", "image")
+COLOR = ("color", "colour", "image", "images", "cam0")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "intrinsics.json", "camera.json")
 LOGS = ("trajectory.log", "odometry.log")
 
@@ -37,15 +35,14 @@ class Redwood:
         return (root / "depth").is_dir() and _first(root, COLOR) is not None and not (root / "pose").is_dir()
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`; images are paired by the first number in their names. Raises InputError."""
+        """The sequence in `root`; images are paired by the times in their names, else by the numbers. InputError."""
         folder = _first(root, COLOR)
         if folder is None:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
-        frames, notes, available = pair_by_number(
-            root, numbered_images(root, folder.name), numbered_images(root, "depth")
-        )
+        color = named_stream(root, folder.name, IMAGE_SUFFIXES)
+        found = pair(root, color, named_stream(root, "depth", DEPTH_SUFFIXES), together=False)
         camera = given_camera(root, camera_path) or _camera(root)
-        return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, available)
+        return Sequence(root.name, root, camera, found.frames, _first(root, LOGS), found.notes, found.available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """Redwood's trajectory log: for each pose a line of three numbers and four rows of a matrix, camera to world.
@@ -55,7 +52,7 @@ class Redwood:
         path, folder = sequence.ground_truth_path, _first(sequence.root, COLOR)
         if path is None or folder is None:
             return None
-        images = sorted(numbered_files(sequence.root, folder.name))
+        stamps_s = list(stamped_files(sequence.root, folder.name, IMAGE_SUFFIXES))
         lines = read_lines(path)
         poses = {}
         for start in range(0, len(lines), 5):
@@ -66,8 +63,8 @@ class Redwood:
                 raise InputError(f"{where}: not numbers") from None
             if [len(row) for row in rows] != [3, 4, 4, 4, 4] or not math.isfinite(rows[0][0]):
                 raise InputError(f"{where}: expected a line of 3 numbers and 4 rows of 4")
-            if 0 <= (k := int(rows[0][0])) < len(images):
-                poses[images[k] / RATE_HZ] = usable_pose(np.array(rows[1:]), where)
+            if 0 <= (k := int(rows[0][0])) < len(stamps_s):
+                poses[stamps_s[k]] = usable_pose(np.array(rows[1:]), where)
         return trajectory_of(poses, shown(path))
 
 
