@@ -20,6 +20,7 @@ DATE = re.compile(
     r"(?P<hour>\d\d)(?P<apart>[-_:.hH]?)(?P<minute>\d\d)[-_:.mM]?(?P<second>\d\d)"
     r"(?:[.,](?P<fraction>\d{1,9})|[-_]?(?P<digits>\d{3}|\d{6}|\d{9}))?(?!\d)"
 )
+PARTS = ("year", "month", "day", "hour", "minute", "second")
 MOST_DIGITS = 19  # of a counter or a time in nanoseconds
 MANY_APART = 1000  # whole numbers this far apart are micro- or nanoseconds
 
@@ -137,10 +138,9 @@ def date_s(name: str) -> float | None:
     match = DATE.search(name)
     if match is None or (match["between"] and not match["apart"] and "T" not in match["then"]):
         return None  # 2024-05-01_000012 ends in a counter
+    year, month, day, hour, minute, second = (int(match[part]) for part in PARTS)
     try:
-        moment = datetime(
-            *(int(match[part]) for part in ("year", "month", "day", "hour", "minute", "second")), tzinfo=UTC
-        )
+        moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
         return None
     digits = match["fraction"] or match["digits"]

@@ -37,13 +37,14 @@ def pair_by_number(
 
     Raises InputError if there are none.
     """
-    streams = []
-    for what, images in (("colour", color), ("depth", depth)):
-        keys = sorted(images)
-        sources = tuple(images[k] for k in keys)
-        streams.append(Stream(what, sources, tuple(source.name for source in sources), np.array(keys, np.int64)))
-    found = pair(root, *streams, rate_hz=rate_hz)
+    found = pair(root, _counted("colour", color), _counted("depth", depth), rate_hz=rate_hz)
     return found.frames, found.notes, found.available
+
+
+def _counted(what: str, images: Mapping[int, ImageSource]) -> Stream:
+    order = sorted(images)
+    sources = tuple(images[k] for k in order)
+    return Stream(what, sources, tuple(source.name for source in sources), np.array(order, np.int64))
 
 
 def given_camera(root: Path, camera_path: Path | None) -> Camera | None:

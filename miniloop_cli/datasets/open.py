@@ -1,4 +1,4 @@
-"""Opening a recording: which layout it has, its frames, its camera; nothing is decoded but a few headers."""
+"""Opening a recording: which layout it has, its frames, its camera, what its depth means."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets.depth_values import understand_depth
 from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.layout import Layout
 from miniloop_cli.datasets.paths import require_inside, shown, within
@@ -32,7 +33,8 @@ def open_sequence(
 
     `camera_path` is a YAML camera file that overrules what the recording says; with `max_frames` only so many
     evenly spaced frames are kept. Images behind symbolic links that lead out of the folder are refused unless
-    `follow_links`. Nothing is decoded but the headers of a few images, to check their size.
+    `follow_links`. Decoded are the headers of a few images, to check their size, and a few depth images, to tell
+    their unit and which values mean "no reading".
 
     Raises InputError (or ConfigError for the camera file) that says what is missing and what to do.
     """
@@ -47,6 +49,7 @@ def open_sequence(
     if not follow_links:
         require_inside(root, _files(sequence))
     _check_size(sequence)
+    sequence = understand_depth(sequence)
     if max_frames is not None and max_frames < len(sequence.frames):
         keep = np.round(np.linspace(0, len(sequence.frames) - 1, max(max_frames, 1))).astype(int)
         # Images that were left out on purpose are not images without partner.

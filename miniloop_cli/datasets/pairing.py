@@ -168,7 +168,7 @@ def _require_same_count(root: Path, color: Stream, depth: Stream) -> None:
 def _common_unit(root: Path, color: Stream, depth: Stream) -> Unit:
     """The unit of two streams of one recording. Raises InputError where they differ or nothing tells."""
     assert color.times is not None and depth.times is not None
-    lone = [len(np.unique(stream.times)) < 2 and stream.unit == SECONDS for stream in (color, depth)]
+    lone = [len(s.sources) < 2 and s.unit == SECONDS for s in (color, depth)]
     units = {s.unit for s, alone in zip((color, depth), lone, strict=True) if s.unit is not None and not alone}
     if not units and all(lone):
         return SECONDS

@@ -17,8 +17,8 @@ from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
 
 Shape = tuple[int, ...]
-DEPTH_TYPE = (16, 1)  # bits, channels
-DEPTH_MUST_BE = "depth must be a 16-bit 1-channel PNG"
+DEPTH_MUST_BE = "depth must have one channel of 16 bits"
+FLOATING_MUST_BE = "depth must have one channel of 32-bit float, as the other frames have"
 MAX_ASPECT_DIFFERENCE = 0.02  # of depth of lower resolution against colour
 
 
@@ -30,12 +30,15 @@ def read_color(source: ImageSource) -> Bytes:
     return np.repeat(stored[..., None], 3, axis=2) if stored.ndim == 2 else stored
 
 
-def read_depth(source: ImageSource) -> NDArray[np.uint16]:
-    """(h, w) uint16 as stored. Raises InputError (reason only) for anything but one channel of 16 bits."""
+def read_depth(source: ImageSource, floating: bool = False) -> NDArray[Any]:
+    """(h, w) uint16 as stored; float32 if `floating`, with 0 for what is not finite or not positive.
+
+    Raises InputError (reason only) for anything else than one channel of that type.
+    """
     stored = source.read()
-    if stored.dtype != np.uint16 or stored.ndim != 2:
-        raise InputError(f"{DEPTH_MUST_BE}, this is a {source.header()}")
-    return stored
+    if stored.dtype != (np.float32 if floating else np.uint16) or stored.ndim != 2:
+        raise InputError(f"{FLOATING_MUST_BE if floating else DEPTH_MUST_BE}, this is a {source.header()}")
+    return np.where(np.isfinite(stored) & (stored > 0), stored, np.float32(0)) if floating else stored
 
 
 def read_mask(source: ImageSource) -> Bools:
@@ -55,7 +58,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         color = read_color(source)
         require_color_size(color.shape, sequence.camera)
         source = frame.depth
-        stored = read_depth(source)
+        stored = read_depth(source, sequence.depth_format.floating)
         if sequence.depth_format.resample:
             stored = _resampled(stored, color.shape)
         else:
@@ -70,7 +73,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
     depth_m = stored.astype(np.float32) / scale
     for value in sequence.depth_format.no_reading:
-        depth_m[stored == value] = 0
+        depth_m[stored == np.asarray(value, stored.dtype)] = 0
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)
@@ -84,8 +87,9 @@ def check_headers(sequence: Sequence, index: int) -> None:
     frame = sequence.frames[index]
     color, depth = frame.color.header(), frame.depth.header()
     require_color_size((color.height, color.width), sequence.camera)
-    if (depth.bits, depth.channels) != DEPTH_TYPE:
-        raise InputError(f"{DEPTH_MUST_BE}, this is a {depth}")
+    floating = sequence.depth_format.floating
+    if (depth.bits, depth.channels) != (32 if floating else 16, 1):
+        raise InputError(f"{FLOATING_MUST_BE if floating else DEPTH_MUST_BE}, this is a {depth}")
     if not sequence.depth_format.resample:
         _require_registered((depth.height, depth.width), (color.height, color.width))
 

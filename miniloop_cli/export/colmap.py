@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.geometry import se3
@@ -49,13 +48,13 @@ def write_colmap(model: Model, folder: Path) -> list[Path]:
 
 
 def write_images(model: Model, folder: Path, names: list[str]) -> None:
-    """Undistorted colour as PNG and depth in COLMAP's own format, one of each a pose."""
+    """Undistorted colour as PNG and the depth that the run used in COLMAP's own format, one of each a pose."""
     import cv2
 
     sequence = model.recording
     undistort = undistorter(sequence.camera)
     for k, name in track(list(zip(model.recording_rows.tolist(), names, strict=True)), "images"):
-        scan = undistort(read_scan(sequence, k))
+        scan = undistort(model.scan(k))
         _, data = cv2.imencode(".png", np.ascontiguousarray(scan.color[..., ::-1]))
         with atomic_write(folder / "images" / name, "wb") as file:
             file.write(data.tobytes())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.datasets import ImageFile, read_color, read_scan
+from miniloop_cli.datasets import ImageFile, read_color
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
@@ -36,7 +36,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     frames = [
         {
             "file_path": relative(color_path(sequence, k, folder)),
-            "depth_file_path": relative(depth_path(sequence, k, folder)),
+            "depth_file_path": relative(depth_path(model, k, folder)),
             "timestamp": sequence.frames[k].timestamp_s,
             "transform_matrix": (T @ OPENGL_AXES).tolist(),
         }
@@ -56,7 +56,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
         "k3": k3,
         "p1": p1,
         "p2": p2,
-        "depth_unit_scale_factor": 1 / camera.depth_scale,
+        "depth_unit_scale_factor": 1 / stored_scale(sequence),
     }
     clouds = [path for path in write_clouds(model, folder) if path.name == "cloud.ply"]
     if clouds:
@@ -72,12 +72,18 @@ def color_path(sequence: Sequence, k: int, folder: Path) -> Path:
     return write_png(folder / "images" / f"{k:06d}.png", read_color(source)[..., ::-1])
 
 
-def depth_path(sequence: Sequence, k: int, folder: Path) -> Path:
+def stored_scale(sequence: Sequence) -> float:
+    """Units a metre of the depth images: millimetres where the recording's are floating-point."""
+    return 1000.0 if sequence.depth_format.floating else sequence.camera.depth_scale
+
+
+def depth_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
+    sequence = model.recording
     frame = sequence.frames[k]
     if isinstance(frame.depth, ImageFile) and sequence.depth_format == DepthFormat() and frame.mask is None:
         return frame.depth.path
-    stored = np.rint(read_scan(sequence, k).depth_m * sequence.camera.depth_scale)
+    stored = np.rint(model.scan(k).depth_m * stored_scale(sequence)).clip(0, 65535)
     return write_png(folder / "depth" / f"{k:06d}.png", stored.astype(np.uint16))
 
 

@@ -73,6 +73,8 @@ class DepthFormat:
     """How a layout stores depth beyond the camera's scale."""
 
     no_reading: tuple[float, ...] = ()  # stored values that mean "no reading", besides 0
+    no_reading_found: bool = False  # some of these were told from the images; no one states them
+    floating: bool = False  # stored as floating-point numbers, not as 16-bit integers
     resample: bool = False  # depth may be a registered image of lower resolution (phones): nearest neighbour
 
 
@@ -88,4 +90,5 @@ class Sequence:
     notes: tuple[Note, ...] = field(default=())  # what the reader dropped, assumed ..., for terminal, log and report
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
+    depth_scale_assumed: bool = False  # the camera's depth_scale is the layout's habit; nothing states it
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in

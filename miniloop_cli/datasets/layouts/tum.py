@@ -41,14 +41,16 @@ class Tum:
             color, depth = _stream(root, "rgb", COLOR_FOLDERS), _stream(root, "depth", DEPTH_FOLDERS)
             found = pair(root, color, depth, together=False)
         truth = root / "groundtruth.txt"
+        camera = choose_camera(root, camera_path)
         return Sequence(
             root.name,
             root,
-            choose_camera(root, camera_path),
+            camera,
             found.frames,
             ground_truth_path=truth if truth.exists() else None,
             notes=found.notes,
             available=found.available,
+            depth_scale_assumed=camera == default_camera(),
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
