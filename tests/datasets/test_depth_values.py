@@ -108,7 +108,7 @@ def test_whole_numbers_in_other_formats(tiny, suffix):
 
 
 def test_floating_point_depth_in_no_unit_is_refused(tiny):
-    with pytest.raises(InputError, match="a median of 1.*e-07, neither metres nor millimetres"):
+    with pytest.raises(InputError, match=r"a median of 1.*e-07, neither metres nor millimetres"):
         recording(tiny, lambda z: (z / 5e10).astype(np.float32), ".npy")
 
 

@@ -22,22 +22,22 @@ def said(sequence, *kinds):
 
 
 WRITTEN = {
-    "backslashes": dict(row=lambda t, n: f"{t} " + n.replace("/", "\\")),
-    "bare names": dict(row=lambda t, n: f"{t} " + n.split("/")[1]),
-    "quotes": dict(row=lambda t, n: f'{t} "{n}"'),
-    "quoted stamps": dict(row=lambda t, n: f'"{t}", "{n}"'),
-    "third column": dict(row=lambda t, n: f"{t}\t{n}\t0.01"),
-    "commas": dict(row=lambda t, n: f"{t},{n}"),
-    "commas and a header": dict(row=lambda t, n: f"{t}, {n}, 3", first="timestamp,filename,exposure\n"),
-    "semicolons and decimal commas": dict(row=lambda t, n: f"{t.replace('.', ',')};{n}"),
-    "another machine": dict(row=lambda t, n: f"{t} /home/someone/data/seq/{n}"),
-    "another machine's bare folder": dict(row=lambda t, n: f"{t} /data/{n.split('/')[1]}"),
-    "Windows": dict(row=lambda t, n: f"{t} C:\\Users\\me\\seq\\" + n.replace("/", "\\"), end="\r\n"),
-    "old Mac": dict(row=lambda t, n: f"{t} {n}", end="\r"),
-    "dots": dict(row=lambda t, n: f"{t} ./{n}"),
-    "UTF-16": dict(row=lambda t, n: f"{t} {n}", encoding="utf-16", end="\r\n"),
-    "UTF-8 with a mark": dict(row=lambda t, n: f"{t} {n}", encoding="utf-8-sig", first="# images\n"),
-    "four columns": dict(row=lambda t, n: f"{t} {n} {t} depth/x.png"),
+    "backslashes": {"row": lambda t, n: f"{t} " + n.replace("/", "\\")},
+    "bare names": {"row": lambda t, n: f"{t} " + n.split("/")[1]},
+    "quotes": {"row": lambda t, n: f'{t} "{n}"'},
+    "quoted stamps": {"row": lambda t, n: f'"{t}", "{n}"'},
+    "third column": {"row": lambda t, n: f"{t}\t{n}\t0.01"},
+    "commas": {"row": lambda t, n: f"{t},{n}"},
+    "commas and a header": {"row": lambda t, n: f"{t}, {n}, 3", "first": "timestamp,filename,exposure\n"},
+    "semicolons and decimal commas": {"row": lambda t, n: f"{t.replace('.', ',')};{n}"},
+    "another machine": {"row": lambda t, n: f"{t} /home/someone/data/seq/{n}"},
+    "another machine's bare folder": {"row": lambda t, n: f"{t} /data/{n.split('/')[1]}"},
+    "Windows": {"row": lambda t, n: f"{t} C:\\Users\\me\\seq\\" + n.replace("/", "\\"), "end": "\r\n"},
+    "old Mac": {"row": lambda t, n: f"{t} {n}", "end": "\r"},
+    "dots": {"row": lambda t, n: f"{t} ./{n}"},
+    "UTF-16": {"row": lambda t, n: f"{t} {n}", "encoding": "utf-16", "end": "\r\n"},
+    "UTF-8 with a mark": {"row": lambda t, n: f"{t} {n}", "encoding": "utf-8-sig", "first": "# images\n"},
+    "four columns": {"row": lambda t, n: f"{t} {n} {t} depth/x.png"},
 }
 
 
@@ -52,7 +52,10 @@ def test_files_are_found_however_they_are_written(tum, written):
 @pytest.mark.parametrize("name", ["associations.txt", "assoc.txt", "my_association.txt"])
 def test_an_association_file_pairs_row_by_row(tum, depth_first, name):
     expected = open_sequence(tum.root).frames
-    rows = [[f"{t:.6f} rgb/{t:.6f}.png", f"{u:.6f} depth/{u:.6f}.png"] for t, u in zip(STAMPS["rgb"], STAMPS["depth"])]
+    rows = [
+        [f"{t:.6f} rgb/{t:.6f}.png", f"{u:.6f} depth/{u:.6f}.png"]
+        for t, u in zip(STAMPS["rgb"], STAMPS["depth"], strict=False)
+    ]
     tum.text(name, "\n".join(" ".join(row[::-1] if depth_first else row) for row in rows))
     (tum.root / "rgb.txt").unlink()
     sequence = open_sequence(tum.root)

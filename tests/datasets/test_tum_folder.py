@@ -85,8 +85,17 @@ def test_links_are_followed_only_inside(tum):
     (tum.root / "rgb" / "real.png").rename(outside)
     target.unlink()
     target.symlink_to(outside)
-    with pytest.raises(InputError, match="points outside the sequence"):
+    with pytest.raises(InputError, match="points outside the sequence, to .*--follow-links"):
         open_sequence(tum.root)
+    assert read_scan(open_sequence(tum.root, follow_links=True), 0).color.shape == (48, 64, 3)
+
+
+def test_folders_that_are_links_into_a_store(tum):
+    (tum.root / "depth").rename(tum.root.parent / "store")
+    (tum.root / "depth").symlink_to(tum.root.parent / "store")
+    with pytest.raises(InputError, match=r"depth/10\.005000\.png points outside .*--follow-links"):
+        open_sequence(tum.root)
+    assert len(open_sequence(tum.root, follow_links=True).frames) == 5
 
 
 @pytest.mark.parametrize(
