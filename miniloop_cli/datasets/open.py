@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.depth_values import understand_depth
+from miniloop_cli.datasets.foreign import what_it_is
 from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.layout import Layout
 from miniloop_cli.datasets.paths import require_inside, shown, within
@@ -76,6 +77,8 @@ def recognise(root: Path) -> str | None:
 
 
 def _why_unknown(root: Path, children: list[Path]) -> str:
+    if said := what_it_is(root, children):
+        return said
     if not root.is_dir():
         return f"{shown(root)} is not a folder, and no layout known here reads such a file"
     if not children:

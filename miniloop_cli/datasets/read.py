@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.own_cameras import to_common
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
@@ -69,6 +70,8 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
             mask = read_mask(source)
             if mask.shape != color.shape[:2]:
                 raise InputError(f"the mask is {_size(mask.shape)}, colour {_size(color.shape)}")
+        if frame.camera:
+            color, stored, mask = _as_common(color, stored, mask, frame.camera, sequence.camera)
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
     depth_m = stored.astype(np.float32) / scale
@@ -106,6 +109,16 @@ def require_color_size(shape: Shape, camera: Camera) -> None:
     """Raises InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
     if shape[:2] != (camera.height, camera.width):
         raise InputError(f"colour is {_size(shape)}, the camera {camera.width} x {camera.height} ({camera.source})")
+
+
+def _as_common(
+    color: Bytes, stored: NDArray[Any], mask: Bools | None, own: Camera, common: Camera
+) -> tuple[Bytes, NDArray[Any], Bools]:
+    """A frame of its own camera as the common one sees it; the mask also hides what only that one would see."""
+    hidden = np.where(mask, np.uint16(1), np.uint16(0)) if mask is not None else np.zeros(stored.shape, np.uint16)
+    _, hidden, _ = to_common(color, hidden, own, common)
+    color, stored, unseen = to_common(color, stored, own, common)
+    return color, stored, (hidden > 0) | unseen
 
 
 def _require_registered(depth: Shape, color: Shape) -> None:

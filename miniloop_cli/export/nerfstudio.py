@@ -35,7 +35,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
 
     frames = [
         {
-            "file_path": relative(color_path(sequence, k, folder)),
+            "file_path": relative(color_path(model, k, folder)),
             "depth_file_path": relative(depth_path(model, k, folder)),
             "timestamp": sequence.frames[k].timestamp_s,
             "transform_matrix": (T @ OPENGL_AXES).tolist(),
@@ -64,12 +64,13 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     return [write_json(folder / "transforms.json", data | {"frames": frames}), *clouds]
 
 
-def color_path(sequence: Sequence, k: int, folder: Path) -> Path:
-    """The recording's colour image of frame k where it is a file; else a copy in images/."""
-    source = sequence.frames[k].color
-    if isinstance(source, ImageFile):
-        return source.path
-    return write_png(folder / "images" / f"{k:06d}.png", read_color(source)[..., ::-1])
+def color_path(model: Model, k: int, folder: Path) -> Path:
+    """The recording's colour image of frame k where it is a file that shows what the camera sees; else a copy."""
+    frame = model.recording.frames[k]
+    if isinstance(frame.color, ImageFile) and not frame.color.upright and frame.camera is None:
+        return frame.color.path
+    color = read_color(frame.color) if frame.camera is None else model.scan(k).color
+    return write_png(folder / "images" / f"{k:06d}.png", color[..., ::-1])
 
 
 def stored_scale(sequence: Sequence) -> float:
@@ -81,7 +82,11 @@ def depth_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
     sequence = model.recording
     frame = sequence.frames[k]
-    if isinstance(frame.depth, ImageFile) and sequence.depth_format == DepthFormat() and frame.mask is None:
+    if (
+        isinstance(frame.depth, ImageFile)
+        and sequence.depth_format == DepthFormat()
+        and frame.mask is frame.camera is None
+    ):
         return frame.depth.path
     stored = np.rint(model.scan(k).depth_m * stored_scale(sequence)).clip(0, 65535)
     return write_png(folder / "depth" / f"{k:06d}.png", stored.astype(np.uint16))

@@ -20,6 +20,7 @@ class Frame:
     depth: ImageSource
     mask: ImageSource | None = None  # pixels to ignore, where the recording comes with masks
     depth_timestamp_s: float | None = None  # where depth has stamps of its own
+    camera: Camera | None = None  # its own intrinsics where they differ: it is read as the recording's camera sees it
 
 
 @dataclass(frozen=True)

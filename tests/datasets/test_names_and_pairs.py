@@ -1,6 +1,5 @@
 """What names say, and which images belong together: every file is used, or a note or an error says why not."""
 
-import json
 from datetime import UTC, datetime
 
 import numpy as np
@@ -20,8 +19,6 @@ def record(tiny, color_name, depth_name=None, color="color", depth="depth", coun
     for k in range(count):
         tiny.color(f"{color}/{color_name(k)}.png")
         tiny.depth(f"{depth}/{depth_name(k)}.png")
-    K = [60.5, 0, 0, 0, 61.5, 0, 31.5, 23.5, 1]
-    tiny.text("intrinsic.json", json.dumps({"width": 64, "height": 48, "intrinsic_matrix": K, "depth_scale": 5000}))
     tiny.text("camera.yaml", "fx: 52\nfy: 52\ncx: 31\ncy: 23\nwidth: 64\nheight: 48\ndepth_scale: 5000\n")
     return tiny
 

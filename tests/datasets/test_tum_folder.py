@@ -85,7 +85,7 @@ def test_links_are_followed_only_inside(tum):
     (tum.root / "rgb" / "real.png").rename(outside)
     target.unlink()
     target.symlink_to(outside)
-    with pytest.raises(InputError, match="points outside the sequence, to .*--follow-links"):
+    with pytest.raises(InputError, match=r"points outside the sequence, to .*--follow-links"):
         open_sequence(tum.root)
     assert read_scan(open_sequence(tum.root, follow_links=True), 0).color.shape == (48, 64, 3)
 

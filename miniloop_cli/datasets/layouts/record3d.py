@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from miniloop_cli.datasets.beside import unused_confidence
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     given_camera,
@@ -16,6 +17,7 @@ from miniloop_cli.datasets.numbered import (
     trajectory_of,
     usable_pose,
 )
+from miniloop_cli.datasets.own_cameras import with_own_cameras
 from miniloop_cli.datasets.pairing import pair
 from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, list_files, shown
 from miniloop_cli.datasets.stamps import SECONDS
@@ -24,10 +26,13 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.conventions import OPENGL_AXES
+from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 from miniloop_cli.typing import Floats
 
 EXR = "its depth is EXR, which OpenCV's wheels do not read; convert depth/*.exr to 16-bit PNG in millimetres"
+
+MAX_ZOOM = 0.5  # a frame's focal length beyond is not of these images
 
 
 class Record3D:
@@ -48,10 +53,23 @@ class Record3D:
         if times_s is not None:
             color, depth, notes = _timed(color, times_s), _timed(depth, times_s), _if_short(color, times_s)
         found = pair(root, color, depth, rate_hz=rate_hz)
-        camera = given_camera(root, camera_path) or _camera(data, shown(path))
+        frames, camera = found.frames, given_camera(root, camera_path)
+        if camera is None:
+            camera, own = _cameras(data, shown(path), color)
+            frames, said = with_own_cameras(frames, own, camera)
+            notes = (*notes, *said)
         truth = path if path.exists() else None
         form = DepthFormat(resample=True)
-        return Sequence(root.name, root, camera, found.frames, truth, (*found.notes, *notes), found.available, form)
+        return Sequence(
+            root.name,
+            root,
+            camera,
+            frames,
+            truth,
+            (*found.notes, *notes, *unused_confidence(root)),
+            found.available,
+            form,
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """ARKit's poses (qx qy qz qw px py pz a frame, OpenGL camera axes): a reference, not the truth."""
@@ -109,10 +127,32 @@ def _refuse_exr(root: Path) -> None:
         raise InputError(f"{shown(root)}: {EXR}")
 
 
-def _camera(data: dict[str, Any], where: str) -> Camera:
-    """`K` is stored by columns and belongs to the colour images of size `w` x `h`."""
+def _cameras(data: dict[str, Any], where: str, color: Stream) -> tuple[Camera, dict[ImageSource, Floats]]:
+    """The camera of the recording, and each image's own (fx fy cx cy) where the metadata state them.
+
+    `K` is stored by columns and belongs to the colour images of size `w` x `h`, as the coefficients of the frames do;
+    where there are such, their median is the camera.
+    """
     K = numbers(data.get("K"), 9, f"{where}: K")
     size = numbers([data.get("w"), data.get("h")], 2, f"{where}: w, h")
+    pinhole, own, source = K[[0, 4, 6, 7]], {}, "the sequence's own metadata.json"
+    rows = data.get("perFrameIntrinsicCoeffs")
+    if isinstance(rows, list) and rows:
+        each = numbers(rows, 4 * len(rows), f"{where}: perFrameIntrinsicCoeffs").reshape(-1, 4)
+        if not np.isfinite(each).all() or not (np.abs(each[:, :2] / pinhole[:2] - 1) < MAX_ZOOM).all():
+            raise InputError(
+                f"{where}: perFrameIntrinsicCoeffs (fx fy cx cy a frame) do not fit K; remove them to use K"
+            )
+        if color.numbers is not None:
+            own = {
+                image: each[number]
+                for image, number in zip(color.sources, color.numbers.tolist(), strict=True)
+                if number < len(each)
+            }
+        pinhole, source = (
+            np.median(each, axis=0),
+            f"median of the {len(each)} cameras of the sequence's own metadata.json",
+        )
     keys = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
-    values = dict(zip(keys, [*K[[0, 4, 6, 7]].tolist(), *size.tolist(), 1000.0], strict=True))
-    return make_camera(values, where, "the sequence's own metadata.json")
+    values = dict(zip(keys, [*pinhole.tolist(), *size.tolist(), 1000.0], strict=True))
+    return make_camera(values, where, source), own

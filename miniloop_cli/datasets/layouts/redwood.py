@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets.beside import unused_cameras, unused_confidence
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     given_camera,
@@ -41,16 +42,19 @@ class Redwood:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
         color = named_stream(root, folder.name, IMAGE_SUFFIXES)
         found = pair(root, color, named_stream(root, "depth", DEPTH_SUFFIXES), together=False)
-        camera, stated = given_camera(root, camera_path), True
+        camera, stated, used = given_camera(root, camera_path), True, "camera.yaml"
         if camera is None:
-            camera, stated = _camera(root)
+            camera, stated, used = _camera(root)
+        beside = unused_confidence(root)
+        if camera_path is None:
+            beside += unused_cameras(root, used, guessed=not used)
         return Sequence(
             root.name,
             root,
             camera,
             found.frames,
             _first(root, LOGS),
-            found.notes,
+            (*found.notes, *beside),
             found.available,
             depth_scale_assumed=not stated,
         )
@@ -83,20 +87,20 @@ def _first(root: Path, names: tuple[str, ...]) -> Path | None:
     return next((root / name for name in names if (root / name).exists()), None)
 
 
-def _camera(root: Path) -> tuple[Camera, bool]:
-    """The camera of the JSON file, else Open3D's default, and whether the depth scale is stated."""
+def _camera(root: Path) -> tuple[Camera, bool, str]:
+    """The camera of the JSON file, else Open3D's default, whether the depth scale is stated, and in which file."""
     path = _first(root, INTRINSICS)
     if path is None:
         source = (
             "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
         )
-        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source), False
+        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source), False, ""
     data, where = read_json(path), shown(path)
     columns = numbers(data.get("intrinsic_matrix"), 9, f"{where}: intrinsic_matrix")
     values = {"fx": columns[0], "fy": columns[4], "cx": columns[6], "cy": columns[7], "depth_scale": 1000.0}
     values |= {key: data[key] for key in ("width", "height", "depth_scale") if key in data}
     camera = make_camera({key: _plain(v) for key, v in values.items()}, where, f"the sequence's own {path.name}")
-    return camera, "depth_scale" in data
+    return camera, "depth_scale" in data, path.name
 
 
 def _plain(value: object) -> object:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from miniloop_cli.datasets.beside import unused_associations, unused_cameras, unused_confidence
 from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family, load_camera
 from miniloop_cli.datasets.pairing import pair, pair_rows
 from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, read_bytes
@@ -42,13 +43,19 @@ class Tum:
             found = pair(root, color, depth, together=False)
         truth = root / "groundtruth.txt"
         camera = choose_camera(root, camera_path)
+        beside = unused_confidence(root)
+        if camera_path is None:
+            used = "camera.yaml" if (root / "camera.yaml").exists() else ""
+            beside += unused_cameras(root, used, guessed=camera == default_camera())
+        if all(table.exists() for table in tables):
+            beside += unused_associations([path.name for path in associations])
         return Sequence(
             root.name,
             root,
             camera,
             found.frames,
             ground_truth_path=truth if truth.exists() else None,
-            notes=found.notes,
+            notes=(*found.notes, *beside),
             available=found.available,
             depth_scale_assumed=camera == default_camera(),
         )
