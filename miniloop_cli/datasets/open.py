@@ -16,6 +16,7 @@ from miniloop_cli.datasets.layout import Layout
 from miniloop_cli.datasets.paths import require_inside, shown, within
 from miniloop_cli.datasets.read import require_color_size
 from miniloop_cli.datasets.registry import BUILT_IN, find_layout, known_layouts, load_layouts
+from miniloop_cli.datasets.upright import with_upright_colour
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Note, NoteKind, Sequence
 
@@ -49,6 +50,7 @@ def open_sequence(
     sequence = _with_masks(sequence)
     if not follow_links:
         require_inside(root, _files(sequence))
+    sequence = with_upright_colour(sequence)
     _check_size(sequence)
     sequence = understand_depth(sequence)
     if max_frames is not None and max_frames < len(sequence.frames):

@@ -50,11 +50,12 @@ def to_common(
     import cv2
 
     M, size = _from_common(own, common), (common.width, common.height)
-    turned = np.asarray(cv2.warpAffine(color, M, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP), np.uint8)
+    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    moved = np.asarray(cv2.warpAffine(color, M, size, flags=linear, borderMode=cv2.BORDER_REPLICATE), np.uint8)
     nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     depth = np.asarray(cv2.warpAffine(stored, M, size, flags=nearest), stored.dtype)
     seen = cv2.warpAffine(np.ones(stored.shape, np.uint8), M, size, flags=nearest)
-    return turned, depth, np.asarray(seen) == 0
+    return moved, depth, np.asarray(seen) == 0
 
 
 def _from_common(own: Camera, common: Camera) -> Floats:
