@@ -64,42 +64,35 @@ def sample_depth(sequence: Sequence) -> list[Values]:
 def no_readings(sample: Many[Values], known: tuple[float, ...] = ()) -> list[tuple[float, float]]:
     """Values that mean "no reading" besides 0, and the share of the pixels that hold each.
 
-    The largest or smallest value of all, held by many pixels of most frames, with nothing between it and the other
-    readings; and in any case the largest that 16 bits can hold. `known` values are left out.
+    The largest that 16 bits can hold; and the largest and the smallest value of all, where many pixels of most frames
+    hold it and nothing lies between it and the other readings. `known` values are left out.
     """
     found: list[tuple[float, float]] = []
-    for _ in range(3):
-        out = (*known, *(value for value, _ in found))
-        readings = [_readings(stored, out) for stored in sample]
-        pixels = sum(stored.size for stored in sample)
-        value = _odd_value(readings, pixels, integers=sample[0].dtype == np.uint16) if sample else None
-        if value is None:
-            break
-        found.append((value, sum(int((r == value).sum()) for r in readings) / pixels))
+    pixels = sum(stored.size for stored in sample)
+    for which in (None, -1, 0):
+        readings = [_readings(stored, (*known, *(value for value, _ in found))) for stored in sample]
+        value = _odd_value(readings, pixels, which) if which is not None else float(LARGEST)
+        held = 0 if value is None else sum(int((r == value).sum()) for r in readings)
+        if value is not None and held:
+            found.append((value, held / pixels))
     return found
 
 
-def _odd_value(readings: list[Values], pixels: int, integers: bool) -> float | None:
-    together = np.concatenate(readings)
-    if not len(together):
-        return None
-    values, counts = np.unique(together, return_counts=True)
-    if integers and values[-1] == LARGEST:
-        return float(LARGEST)
+def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
+    """The smallest (`end` 0) or largest (-1) of all readings if it stands apart from the others as a mark does."""
+    values, counts = np.unique(np.concatenate(readings), return_counts=True) if readings else (np.zeros(0), np.zeros(0))
     if len(values) < 2:
         return None
-    for end in (-1, 0):
-        value, count = values[end], int(counts[end])
-        others = len(together) - count
-        holding = sum(bool((r == value).any()) for r in readings)
-        if count < MIN_SHARE * pixels or others < MIN_OTHERS * pixels or 2 * holding < len(readings):
-            continue
-        rest, rest_counts = (values[:-1], counts[:-1]) if end else (values[1:], counts[1:])
-        near = rest > NEXT * value if end else rest < value / NEXT
-        crowd = int(rest_counts[near].sum())
-        if crowd < 0.001 * others or (end and count > SPIKE * int(rest_counts[near].max(initial=1))):
-            return float(value)
-    return None
+    value, count = values[end], int(counts[end])
+    others = int(counts.sum()) - count
+    holding = sum(bool((r == value).any()) for r in readings)
+    if count < MIN_SHARE * pixels or others < MIN_OTHERS * pixels or 2 * holding < len(readings):
+        return None
+    near = values > NEXT * value if end else values < value / NEXT
+    near[end] = False
+    alone = counts[near].sum() < 0.001 * others
+    spike = end and count > SPIKE * counts[near].max(initial=1)
+    return float(value) if alone or spike else None
 
 
 def _readings(stored: Values, out: tuple[float, ...]) -> Values:
