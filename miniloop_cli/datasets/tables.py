@@ -43,12 +43,12 @@ def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
     and line for a malformed row, one that points outside `root`, many equal stamps, and where no row leads to a file.
     """
     rows = list(_rows(root / name))
-    files = FileFinder(root, folders)
-    paths = [files.find(row.place, _spellings(row.rest)) for row in rows]
-    return _stream(root, name, rows, paths, files)
+    return _stream_of(root, name, rows, FileFinder(root, folders))
 
 
-def read_associations(root: Path, name: str, folders: tuple[str, ...]) -> tuple[Stream, Stream]:
+def read_associations(
+    root: Path, name: str, color_folders: tuple[str, ...], depth_folders: tuple[str, ...]
+) -> tuple[Stream, Stream]:
     """Colour and depth of a table of four columns, row by row; which pair is depth, its paths tell.
 
     Raises InputError as `read_table`, and for rows with fewer columns.
@@ -58,14 +58,17 @@ def read_associations(root: Path, name: str, folders: tuple[str, ...]) -> tuple[
     for row, fields in zip(rows, columns, strict=True):
         if len(fields) < 3:
             raise InputError(f"{row.place}: expected 'timestamp filename timestamp filename'")
-    halves = []
-    for stamps, column in (([row.stamp for row in rows], 0), ([fields[1] for fields in columns], 2)):
-        part = [Row(row.place, stamp, fields[column]) for row, stamp, fields in zip(rows, stamps, columns, strict=True)]
-        files = FileFinder(root, folders)
-        paths = [files.find(row.place, (row.rest,)) for row in part]
-        halves.append(_stream(root, name, part, paths, files))
-    first_is_depth = "depth" in str(PurePosixPath(columns[0][0].replace("\\", "/"))).lower() if columns else False
-    return (halves[1], halves[0]) if first_is_depth else (halves[0], halves[1])
+    first = [Row(row.place, row.stamp, fields[0]) for row, fields in zip(rows, columns, strict=True)]
+    second = [Row(row.place, fields[1], fields[2]) for row, fields in zip(rows, columns, strict=True)]
+    color, depth = (second, first) if rows and "depth" in columns[0][0].lower() else (first, second)
+    return (
+        _stream_of(root, name, color, FileFinder(root, color_folders)),
+        _stream_of(root, name, depth, FileFinder(root, depth_folders)),
+    )
+
+
+def _stream_of(root: Path, name: str, rows: list[Row], files: FileFinder) -> Stream:
+    return _stream(root, name, rows, [files.find(row.place, row.rest) for row in rows], files)
 
 
 def _rows(path: Path) -> Iterator[Row]:
@@ -102,14 +105,15 @@ class FileFinder:
     def __init__(self, root: Path, folders: tuple[str, ...]) -> None:
         self.root, self.folders = root, folders
         self.converted = 0  # rows that mean a file otherwise than as written
+        self.cut = 0  # rows with further columns behind the file's name
         self.missing: list[Row] = []
 
-    def find(self, place: str, spellings: Iterator[str] | tuple[str, ...]) -> Path:
-        """The first spelling that is a file; else the path as it is written, which then is missing.
+    def find(self, place: str, rest: str) -> Path:
+        """The file that the rest of a row names; the path as it is written where there is none.
 
         Raises InputError naming `place` for one that leads outside.
         """
-        written = list(spellings)
+        written = list(_spellings(rest))
         for name in written:
             for m, candidate in enumerate(self._candidates(name)):
                 try:
@@ -118,6 +122,7 @@ class FileFinder:
                     continue
                 if path.is_file():
                     self.converted += m > 0
+                    self.cut += name not in (rest, rest[1:-1])
                     return path
         self.missing.append(Row(place, "", written[-1]))
         return within(self.root, written[-1].replace("\\", "/"), place)
@@ -127,10 +132,9 @@ class FileFinder:
         plain = name.replace("\\", "/")
         yield plain
         parts = PurePosixPath(plain).parts
-        foreign = plain.startswith("/") or re.match(r"[A-Za-z]:", plain) is not None
-        for start in range(1, len(parts)) if foreign else ():
+        for start in range(1, len(parts)):
             yield "/".join(parts[start:])
-        for folder in self.folders if foreign or len(parts) == 1 else ():
+        for folder in self.folders if parts else ():
             yield f"{folder}/{parts[-1]}"
 
 
@@ -187,6 +191,9 @@ def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> li
             f"{files.converted} of {len(rows)} rows of {name} do not name their file as it lies here; it was found by "
         )
         notes.append(Note(NoteKind.CONVERTED, f"{text}the end of the name"))
+    if files.cut:
+        text = f"{files.cut} of {len(rows)} rows of {name} have further columns, which are not used"
+        notes.append(Note(NoteKind.UNUSED, text))
     return notes
 
 

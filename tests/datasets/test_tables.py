@@ -49,8 +49,9 @@ def test_files_are_found_however_they_are_written(tum, written):
 
 
 @pytest.mark.parametrize("depth_first", [False, True])
+@pytest.mark.parametrize("color", ["rgb", "color"])
 @pytest.mark.parametrize("name", ["associations.txt", "assoc.txt", "my_association.txt"])
-def test_an_association_file_pairs_row_by_row(tum, depth_first, name):
+def test_an_association_file_pairs_row_by_row(tum, color, depth_first, name):
     expected = open_sequence(tum.root).frames
     rows = [
         [f"{t:.6f} rgb/{t:.6f}.png", f"{u:.6f} depth/{u:.6f}.png"]
@@ -58,9 +59,34 @@ def test_an_association_file_pairs_row_by_row(tum, depth_first, name):
     ]
     tum.text(name, "\n".join(" ".join(row[::-1] if depth_first else row) for row in rows))
     (tum.root / "rgb.txt").unlink()
+    (tum.root / "rgb").rename(tum.root / color)
     sequence = open_sequence(tum.root)
-    assert sequence.frames == expected
+    assert [frame.color.path.name for frame in sequence.frames] == [frame.color.path.name for frame in expected]
+    assert [frame.depth for frame in sequence.frames] == [frame.depth for frame in expected]
     assert said(sequence, NoteKind.PAIRED) == [f"5 pairs as {name} names them, whatever their times"]
+
+
+@pytest.mark.parametrize("color", ["color", "rgb"])
+def test_tables_are_named_after_the_folder(tum, color):
+    expected = open_sequence(tum.root).frames
+    (tum.root / "rgb").rename(tum.root / color)
+    table = (tum.root / "rgb.txt").read_text().replace("rgb/", f"{color}/frame-")
+    (tum.root / "rgb.txt").unlink()
+    for path in (tum.root / color).iterdir():
+        path.rename(path.with_name(f"frame-{path.name}"))
+    tum.text(f"{color}.txt", table)
+    frames = open_sequence(tum.root).frames
+    assert [f.timestamp_s for f in frames] == [f.timestamp_s for f in expected]
+    assert [f.color.path.name for f in frames] == [f"frame-{f.color.path.name}" for f in expected]
+
+
+@pytest.mark.parametrize(("row", "count"), [("{t} {n} 0.01 3", 5), ("{t} {n}", 0), ('{t} "{n}" 0.01', 5)])
+def test_further_columns_are_named(tum, row, count):
+    rewrite(tum, lambda t, n: row.format(t=t, n=n))
+    expected = (
+        [f"5 of 5 rows of {kind}.txt have further columns, which are not used" for kind in STAMPS] if count else []
+    )
+    assert said(open_sequence(tum.root), NoteKind.UNUSED) == expected
 
 
 def test_a_table_that_leads_to_no_file_is_at_fault(tum):

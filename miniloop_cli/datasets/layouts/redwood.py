@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.beside import unused_cameras, unused_confidence
+from miniloop_cli.datasets.find_frames import find_frames
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     given_camera,
@@ -16,9 +17,8 @@ from miniloop_cli.datasets.numbered import (
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.pairing import pair
-from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, read_lines, shown
-from miniloop_cli.datasets.stream import named_stream, stamped_files
+from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, read_lines, shown
+from miniloop_cli.datasets.stream import stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Sequence, Trajectory
@@ -36,12 +36,11 @@ class Redwood:
         return (root / "depth").is_dir() and _first(root, COLOR) is not None and not (root / "pose").is_dir()
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`; images are paired by the times in their names, else by the numbers. InputError."""
+        """The sequence in `root`; images are paired by tables, times in their names, or numbers. InputError."""
         folder = _first(root, COLOR)
         if folder is None:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
-        color = named_stream(root, folder.name, IMAGE_SUFFIXES)
-        found = pair(root, color, named_stream(root, "depth", DEPTH_SUFFIXES), together=False)
+        found = find_frames(root, folder.name, "depth")
         camera, stated, used = given_camera(root, camera_path), True, "camera.yaml"
         if camera is None:
             camera, stated, used = _camera(root)

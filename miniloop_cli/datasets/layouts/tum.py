@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from miniloop_cli.datasets.beside import unused_associations, unused_cameras, unused_confidence
+from miniloop_cli.datasets.beside import unused_cameras, unused_confidence
+from miniloop_cli.datasets.find_frames import association_files, find_frames
 from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, freiburg_family, load_camera
-from miniloop_cli.datasets.pairing import pair, pair_rows
-from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, read_bytes
-from miniloop_cli.datasets.stream import Stream, named_stream
-from miniloop_cli.datasets.tables import read_associations, read_table
+from miniloop_cli.datasets.paths import read_bytes
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Sequence, Trajectory
-
-# Where bare file names of a table are looked for.
-COLOR_FOLDERS = ("rgb", "color", "colour", "image", "images")
-DEPTH_FOLDERS = ("depth", "depths")
 
 
 class Tum:
@@ -25,7 +19,7 @@ class Tum:
     def matches(self, root: Path) -> bool:
         """By the names of its tables and folders."""
         named = all((root / f"{kind}.txt").exists() or (root / kind).is_dir() for kind in ("rgb", "depth"))
-        return named or (bool(_associations(root)) and any((root / name).is_dir() for name in DEPTH_FOLDERS))
+        return named or (bool(association_files(root)) and (root / "depth").is_dir())
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`; nothing is decoded.
@@ -33,22 +27,13 @@ class Tum:
         Raises InputError for malformed tables, rows that lead outside the folder, and where no colour image has a
         depth image within 20 ms.
         """
-        tables = [root / f"{kind}.txt" for kind in ("rgb", "depth")]
-        associations = _associations(root)
-        if associations and not all(table.exists() for table in tables):
-            both = read_associations(root, associations[0].name, (*COLOR_FOLDERS, *DEPTH_FOLDERS))
-            found = pair_rows(root, *both)
-        else:
-            color, depth = _stream(root, "rgb", COLOR_FOLDERS), _stream(root, "depth", DEPTH_FOLDERS)
-            found = pair(root, color, depth, together=False)
+        found = find_frames(root, "rgb", "depth")
         truth = root / "groundtruth.txt"
         camera = choose_camera(root, camera_path)
         beside = unused_confidence(root)
         if camera_path is None:
             used = "camera.yaml" if (root / "camera.yaml").exists() else ""
             beside += unused_cameras(root, used, guessed=camera == default_camera())
-        if all(table.exists() for table in tables):
-            beside += unused_associations([path.name for path in associations])
         return Sequence(
             root.name,
             root,
@@ -82,13 +67,3 @@ def choose_camera(root: Path, camera_path: Path | None) -> Camera:
 def _header(path: Path) -> str:
     text = read_bytes(path).decode("utf-8", "replace")
     return "\n".join(line for line in text[:4096].split("\n") if line.startswith("#"))
-
-
-def _stream(root: Path, kind: str, folders: tuple[str, ...]) -> Stream:
-    if (root / f"{kind}.txt").exists():
-        return read_table(root, f"{kind}.txt", folders)
-    return named_stream(root, kind, IMAGE_SUFFIXES if kind == "rgb" else DEPTH_SUFFIXES)
-
-
-def _associations(root: Path) -> list[Path]:
-    return sorted(path for path in root.glob("*assoc*.txt") if path.is_file())
