@@ -75,7 +75,9 @@ def within(root: Path, name: str, where: str) -> Path:
             raise InputError(
                 f"{where} points outside the sequence: {shown(name)}; copy the files into {shown(root)} instead"
             )
-        Path(path).exists()
+        os.lstat(path)
+    except FileNotFoundError:
+        pass  # it need not be there
     except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise InputError(f"{where} names an impossible file: {shown(name)} ({error})") from error
     return Path(path)
