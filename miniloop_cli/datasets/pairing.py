@@ -197,8 +197,14 @@ def _unit_notes(color: Stream, unit: Unit) -> list[Note]:
         text = f"the stamps of {color.where} count frames: number / {RATE_HZ:g} s is used"
         return [Note(NoteKind.ASSUMED, text)]
     since_1970 = EPOCH_S[0] <= float(np.abs(color.times).max()) / unit.per_s < EPOCH_S[1]
-    text = f"the stamps of {color.where}, {apart(color.times):g} apart, are taken as {unit.name} and used in seconds"
+    interval = _plainly(apart(color.times))
+    text = f"the stamps of {color.where}, {interval} apart, are taken as {unit.name} and used in seconds"
     return [Note(NoteKind.CONVERTED if since_1970 else NoteKind.ASSUMED, text)]
+
+
+def _plainly(number: float) -> str:
+    """A number without an exponent."""
+    return f"{number:.0f}" if number >= 1000 else f"{number:g}"
 
 
 def _start_notes(color: Stream) -> list[Note]:

@@ -1,10 +1,15 @@
 """Tables of images as other tools write them: every row is used, or a note or an error says why not."""
 
+import os
+
 import numpy as np
 import pytest
 from conftest import CAMERA
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from miniloop_cli.datasets import open_sequence
+from miniloop_cli.datasets.tables import read_table
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import NoteKind
 
@@ -185,3 +190,47 @@ def test_a_clock_that_starts_again_in_one_table_only_is_refused(tiny):
     many(tiny, again_s, np.arange(12) / 10)
     with pytest.raises(InputError, match=r"rgb\.txt:7: the clock starts again here, but not as often in depth\.txt"):
         open_sequence(tiny.root)
+
+
+@settings(
+    max_examples=int(os.environ.get("MINILOOP_FUZZ", "100")),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    deadline=None,
+)
+@given(st.data())
+def test_made_up_tables_are_read_as_they_were_meant_or_refused(tmp_path, data):
+    """Rows of known stamps and files, written in a drawn style: the style is the oracle, no parser is."""
+    count = data.draw(st.integers(4, 12))
+    start_s = data.draw(st.sampled_from([0.0, 12.5, 1305031102.25, 1714564803.5]))
+    steps = data.draw(st.lists(st.floats(0.02, 1.5), min_size=count, max_size=count))
+    times_s = np.round(start_s + np.cumsum(steps), 3)
+    scale, form = data.draw(
+        st.sampled_from([(1, "{:.3f}"), (1, "{:.6f}"), (1e3, "{:.0f}"), (1e6, "{:.0f}"), (1e9, "{:.0f}")])
+    )
+    between = data.draw(st.sampled_from([" ", "\t", ",", ", ", ";", "   "]))
+    prefix = data.draw(st.sampled_from(["rgb/", "rgb\\", "", "./rgb/", "/data/me/rgb/", "C:\\me\\rgb\\", "seq/rgb/"]))
+    blank = data.draw(st.booleans())
+    quote = data.draw(st.sampled_from(['"', "'"] if blank and between != "\t" else ["", '"', "'"]))
+    more = data.draw(st.sampled_from(["", "0.5", "0.5 x/y.png"]))
+    names = [f"im{' ' * blank}{k}.png" for k in range(count)]
+    (tmp_path / "rgb").mkdir(exist_ok=True)
+    for name in names:
+        (tmp_path / "rgb" / name).touch()
+    stamps = [form.format(t * scale) for t in times_s]
+    if scale == 1 and data.draw(st.booleans()) and not between.startswith(","):
+        stamps = [stamp.replace(".", ",") for stamp in stamps]
+    order = data.draw(st.permutations(range(count))) if data.draw(st.booleans()) else range(count)
+    rows = [stamps[k] + between + quote + prefix + names[k] + quote + (between + more if more else "") for k in order]
+    head = data.draw(st.sampled_from(["", "# made up", "timestamp filename", "\n"]))
+    end = data.draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    encoding = data.draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]))
+    (tmp_path / "rgb.txt").write_bytes(end.join([head, *rows, ""]).encode(encoding))
+    try:
+        stream = read_table(tmp_path, "rgb.txt", ("rgb",))
+    except InputError as error:
+        raise AssertionError(f"refused: {error}") from error
+    found = {source.path.name: stamp for source, stamp in zip(stream.sources, stream.times, strict=True)}
+    assert found.keys() == set(names)
+    if stream.unit is not None:  # else the recording is refused where nothing else tells
+        read_s = [found[name] / stream.unit.per_s for name in names]
+        np.testing.assert_allclose(read_s, times_s, atol=1e-5)
