@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.undistort import undistorter, write_color
 from miniloop_cli.geometry import se3
@@ -49,11 +48,11 @@ def write_colmap(model: Model, folder: Path) -> list[Path]:
 
 
 def write_images(model: Model, folder: Path, names: list[str]) -> None:
-    """Undistorted colour as PNG and depth in COLMAP's own format, one of each a pose."""
+    """Undistorted colour as PNG and the depth that the run used in COLMAP's own format, one of each a pose."""
     sequence = model.recording
     undistort = undistorter(sequence.camera)
     for k, name in track(list(zip(model.recording_rows.tolist(), names, strict=True)), "images"):
-        scan = undistort(read_scan(sequence, k))
+        scan = undistort(model.scan(k))
         write_color(folder / "images" / name, scan)
         with atomic_write(folder / "stereo" / "depth_maps" / f"{name}.geometric.bin", "wb") as file:
             file.write(f"{scan.depth_m.shape[1]}&{scan.depth_m.shape[0]}&1&".encode("ascii"))

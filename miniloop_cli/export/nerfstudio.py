@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from miniloop_cli.datasets import ImageFile, read_color, read_scan
+from miniloop_cli.datasets import ImageFile, read_color
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
-from miniloop_cli.export.undistort import undistorter, write_color, write_depth, write_png
+from miniloop_cli.export.undistort import stored_scale, undistorter, write_color, write_depth, write_png
 from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.geometry.lens import PINHOLE, Lens
-from miniloop_cli.scene.sequence import DepthFormat, Sequence
+from miniloop_cli.scene.sequence import DepthFormat
 
 NOTE = (
     "metres; transform_matrix is camera to world, camera axes x right, y up, z backward; pixel centres at halves; "
@@ -38,9 +38,10 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
 
     def images(k: int) -> tuple[Path, Path]:
         if lens:
-            return color_path(sequence, k, folder), depth_path(sequence, k, folder)
-        scan, name = undistort(read_scan(sequence, k)), f"{k:06d}.png"
-        return write_color(folder / "images" / name, scan), write_depth(folder / "depth" / name, scan, camera)
+            return color_path(model, k, folder), depth_path(model, k, folder)
+        scan, name = undistort(model.scan(k)), f"{k:06d}.png"
+        depth = write_depth(folder / "depth" / name, scan, stored_scale(sequence))
+        return write_color(folder / "images" / name, scan), depth
 
     paths = [images(k) for k in model.recording_rows.tolist()]
     frames = [
@@ -61,7 +62,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
         "cy": camera.cy + 0.5,
         "w": camera.width,
         "h": camera.height,
-        "depth_unit_scale_factor": 1 / camera.depth_scale,
+        "depth_unit_scale_factor": 1 / stored_scale(sequence),
     }
     clouds = [path for path in write_clouds(model, folder) if path.name == "cloud.ply"]
     if clouds:
@@ -77,17 +78,20 @@ def nerfstudio_lens(lens: Lens) -> dict[str, Any] | None:
     return {"camera_model": "OPENCV"} | values if len(values) == 5 else None
 
 
-def color_path(sequence: Sequence, k: int, folder: Path) -> Path:
-    """The recording's colour image of frame k where it is a file; else a copy in images/."""
-    source = sequence.frames[k].color
-    if isinstance(source, ImageFile):
-        return source.path
-    return write_png(folder / "images" / f"{k:06d}.png", read_color(source)[..., ::-1])
+def color_path(model: Model, k: int, folder: Path) -> Path:
+    """The recording's colour image of frame k where it is a file that shows what the camera sees; else a copy."""
+    frame = model.recording.frames[k]
+    if isinstance(frame.color, ImageFile) and not frame.color.upright and frame.camera is None:
+        return frame.color.path
+    color = read_color(frame.color) if frame.camera is None else model.scan(k).color
+    return write_png(folder / "images" / f"{k:06d}.png", color[..., ::-1])
 
 
-def depth_path(sequence: Sequence, k: int, folder: Path) -> Path:
+def depth_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
+    sequence = model.recording
     frame = sequence.frames[k]
-    if isinstance(frame.depth, ImageFile) and sequence.depth_format == DepthFormat() and frame.mask is None:
+    plain = sequence.depth_format == DepthFormat() and frame.mask is frame.camera is None
+    if isinstance(frame.depth, ImageFile) and plain:
         return frame.depth.path
-    return write_depth(folder / "depth" / f"{k:06d}.png", read_scan(sequence, k), sequence.camera)
+    return write_depth(folder / "depth" / f"{k:06d}.png", model.scan(k), stored_scale(sequence))

@@ -12,9 +12,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.undistort import undistorter, write_color, write_depth
+from miniloop_cli.export.undistort import stored_scale, undistorter, write_color, write_depth
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.progress import track
@@ -38,9 +37,9 @@ def write_images(model: Model, folder: Path) -> None:
     sequence = model.recording
     undistort = undistorter(sequence.camera)
     for row, frame in track(list(zip(model.recording_rows.tolist(), model.frame_numbers, strict=True)), "images"):
-        scan, name = undistort(read_scan(sequence, row)), f"{frame:06d}.png"
+        scan, name = undistort(model.scan(row)), f"{frame:06d}.png"
         write_color(folder / "color" / name, scan)
-        write_depth(folder / "depth" / name, scan, sequence.camera)
+        write_depth(folder / "depth" / name, scan, stored_scale(sequence))
 
 
 def camera_trajectory(model: Model) -> dict[str, Any]:

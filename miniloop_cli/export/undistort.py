@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.atomic_files import atomic_write
-from miniloop_cli.scene.sequence import Scan
+from miniloop_cli.scene.sequence import Scan, Sequence
 
 OUTSIDE_PX = -1e4  # where the lens images nothing: far from any image
 
@@ -43,9 +43,14 @@ def write_color(path: Path, scan: Scan) -> Path:
     return write_png(path, scan.color[..., ::-1])
 
 
-def write_depth(path: Path, scan: Scan, camera: Camera) -> Path:
-    """Write the depth of a scan as a 16-bit PNG file of the camera's units; 0 where there is none, or too far."""
-    stored = np.rint(scan.depth_m * camera.depth_scale)
+def stored_scale(sequence: Sequence) -> float:
+    """Units a metre of the depth images: millimetres where the recording's are floating-point."""
+    return 1000.0 if sequence.depth_format.floating else sequence.camera.depth_scale
+
+
+def write_depth(path: Path, scan: Scan, depth_scale: float) -> Path:
+    """Write the depth of a scan as a 16-bit PNG file, in units a metre; 0 where there is none, or too far."""
+    stored = np.rint(scan.depth_m * depth_scale)
     return write_png(path, np.where(stored < 1 << 16, stored, 0).astype(np.uint16))
 
 
