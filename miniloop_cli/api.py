@@ -12,8 +12,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from miniloop_cli.scene.registration import RegistrationError
-
 if TYPE_CHECKING:
     from miniloop_cli.config import Settings
     from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
@@ -58,6 +56,7 @@ def register(
     from miniloop_cli.runtime.dask_cluster import connected
     from miniloop_cli.runtime.folder_lock import exclusive
     from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.registration import RegistrationError
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))

@@ -6,7 +6,7 @@ import struct
 import cv2
 import numpy as np
 import pytest
-from conftest import CAMERA
+from tiny_recordings import CAMERA
 
 from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.foreign import FILES, FOLDERS

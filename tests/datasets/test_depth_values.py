@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import CAMERA, Tiny
+from tiny_recordings import CAMERA, Tiny
 
 from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.depth_values import no_readings

@@ -4,9 +4,9 @@ import os
 
 import numpy as np
 import pytest
-from conftest import CAMERA
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tiny_recordings import CAMERA
 
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.datasets.tables import read_table
