@@ -634,6 +634,7 @@ def test_a_recording_takes_its_size_and_scale(tum, tmp_path):
         (b"<html></html>", "XML of <html>"),
         (b"<opencv_storage>", "not XML"),
         (b"<opencv_storage>" + b"<a>" * 100 + b"</a>" * 100 + b"</opencv_storage>", "nested more than 20 deep"),
+        (b"<opencv_storage><a>1</a><a>2</a></opencv_storage>", "key 'a' stands twice"),
         (b'{"fx": 1, "fx": 2}', "key 'fx' stands twice"),
         (b"\x89PNG\r\n\x1a\n", "not a text file"),
         (b"fx: 1\n" * 20000, "kB of YAML, more than the 64 kB allowed"),

@@ -185,10 +185,10 @@ def realsense(t: Truth) -> str:
 
 
 def from_realsense(d: Any) -> Truth:
-    model = d.get("model", "none")
-    if any(d["coeffs"]) and model not in ("distortion.kannala_brandt4", "distortion.brown_conrady", 4, 5):
+    model = str(d.get("model", "none")).lower().replace("_", "")
+    if any(d["coeffs"]) and model not in ("distortion.kannalabrandt4", "distortion.brownconrady", "4", "5"):
         raise ValueError("another model")
-    fisheye = model in ("distortion.kannala_brandt4", 5)
+    fisheye = model in ("distortion.kannalabrandt4", "5")
     return Truth([d[k] for k in ("fx", "fy", "ppx", "ppy")], [d["width"], d["height"]], d["coeffs"], fisheye)
 
 
@@ -262,8 +262,11 @@ def parse(text: str, suffix: str) -> Any:
         for key in ("image_width", "image_height"):
             found[key] = float(re.findall(f"<{key}>(.*?)</{key}>", text)[-1])
         for key in ("camera_matrix", "distortion_coefficients"):
-            if blocks := re.findall(f"<{key}[ >].*?<data>(.*?)</data>.*?</{key}>", text, re.DOTALL):
+            blocks = re.findall(f"<{key}[ >].*?<data>(.*?)</data>.*?</{key}>", text, re.DOTALL)
+            if blocks:
                 found[key] = {"data": [float(word) for word in blocks[-1].split()]}
+            if len(blocks) > 1:
+                raise ValueError("twice")
         return found
     from ruamel.yaml import YAML
 

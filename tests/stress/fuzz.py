@@ -34,7 +34,7 @@ SECONDS, MEGABYTES = 10, 1024
 PARSERS = [  # what atheris watches: not compiled kernels, whose bytecode must stay as it is
     *(
         f"miniloop_cli.datasets.{name}"
-        for name in ("association", "images", "intrinsics", "paths", "trajectory", "tum")
+        for name in ("association", "camera_files", "images", "intrinsics", "paths", "trajectory", "tum")
     ),
     *(f"miniloop_cli.{name}" for name in ("config", "runtime.safe_yaml", "evaluation", "results.g2o", "results.ply")),
 ]

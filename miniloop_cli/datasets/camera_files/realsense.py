@@ -109,7 +109,7 @@ def _model(fields: Fields) -> str:
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < len(MODELS):
             return MODELS[value]
         if isinstance(value, str):
-            return re.sub("[^a-z0-9]|^.*distortion[._]", "", value.lower())
+            return re.sub(r"^((pyrealsense2\.|rs\.|rs2_)?distortion[._])?|[ _-]", "", value.strip().lower())
     return ""
 
 

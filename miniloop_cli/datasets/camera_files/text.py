@@ -43,17 +43,19 @@ def _looks_like_json(text: str) -> bool:
     return re.match(r'\s*\{\s*(?:"|\})', text) is not None
 
 
-def _parse_json(text: str, where: str) -> Any:
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise InputError(f"{where}: key '{shown(twice[:40])}' stands twice")
-        return found
+def _once(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
+    """Keys and values as a mapping. Raises InputError for a key that stands twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(f"{where}: key '{shown(twice[:40])}' stands twice")
+    return found
 
+
+def _parse_json(text: str, where: str) -> Any:
     try:
-        return json.loads(text, object_pairs_hook=once)
+        return json.loads(text, object_pairs_hook=lambda pairs: _once(pairs, where))
     except json.JSONDecodeError as error:
         raise InputError(f"{where}:{error.lineno}: not JSON: {error.msg}") from None
     except (ValueError, RecursionError) as error:
@@ -119,14 +121,16 @@ def _parse_xml(text: str, where: str) -> dict[str, Any]:
         raise InputError(f"{where}: not XML: {error}") from None
     if root.tag != "opencv_storage":
         raise InputError(f"{where}: XML of <{shown(root.tag[:40])}>; only OpenCV's <opencv_storage> is known")
-    return {child.tag: _xml_value(child, where, MAX_XML_DEPTH) for child in root}
+    return _once([(child.tag, _xml_value(child, where, MAX_XML_DEPTH)) for child in root], where)
 
 
 def _xml_value(element: Any, where: str, depth: int) -> Any:
     if depth == 0:
         raise InputError(f"{where}: XML nested more than {MAX_XML_DEPTH} deep")
+    if len(element) and all(child.tag == "_" for child in element):  # how OpenCV writes a list
+        return [_xml_value(child, where, depth - 1) for child in element]
     if len(element):
-        children = {child.tag: _xml_value(child, where, depth - 1) for child in element}
+        children = _once([(child.tag, _xml_value(child, where, depth - 1)) for child in element], where)
         data = children.get("data")
         return children | {"data": [data]} if isinstance(data, int | float) else children
     words = (element.text or "").split()
