@@ -14,7 +14,6 @@ from pathlib import Path
 
 from benchmarks.side_by_side.sections import edge_list
 from miniloop_cli.api import evaluate, register
-from miniloop_cli.scene.edge import VERIFIED
 
 KINDS = ("rootsift", "sift", "orb", "surf", "akaze", "brisk")
 
@@ -26,9 +25,8 @@ def row(recording: Path, kind: str, frames: int | None, folder: Path) -> str:
     pairs = edge_list(recording)
     numbers = evaluate(folder, recording, edges=pairs if frames is None and pairs.is_file() else None).numbers
     edges = numbers["rpe"]["edges"]
-    verified = sum(edge.verdict == VERIFIED for edge in run.edges)
     return (
-        f"| {recording.name} | {kind} | {len(run.poses.registered)} of {len(run.scans)} | {verified} "
+        f"| {recording.name} | {kind} | {len(run.poses.registered)} of {len(run.scans)} | {run.edges.verified.sum()} "
         f"| {100 * numbers['ate_rmse_m']:.2f} cm | {edges['rot_deg_mean']:.2f}° / {100 * edges['trans_m_mean']:.2f} cm "
         f"| {took_s:.0f} s |"
     )

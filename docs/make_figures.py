@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -45,7 +46,7 @@ def write_image(name: str, rgb: np.ndarray, width: int = 960) -> None:
     cv2.imwrite(str(IMG / name), np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
-def room(**changes: object) -> tuple[Path, Path]:
+def room(**changes: Any) -> tuple[Path, Path]:
     """A simulated recording and its result, made once."""
     name = str(changes.get("scene", "room"))
     recording, result = WORK / name, WORK / "results" / name
@@ -86,10 +87,11 @@ def hinge() -> None:
 def matches() -> None:
     """The inlier matches of an ordinary edge, as the report draws them."""
     recording, result = room(frames=30)
-    data = load(result, open_sequence(recording))
+    data, sequence = load(result), open_sequence(recording)
     kept = data.edges.worst_first
     edge = int(kept[len(kept) // 2])
-    picture = match_picture(data.sequence, int(data.edges.i[edge]), int(data.edges.j[edge]), *data.inlier_px[edge])
+    picture = match_picture(sequence, int(data.edges.i[edge]), int(data.edges.j[edge]), *data.inlier_px[edge])
+    assert picture is not None  # the images were written a moment ago
     write_image("matches.jpg", picture)
 
 
@@ -154,7 +156,10 @@ def screenshot(page: Path, name: str, size: tuple[int, int] = (1000, 900)) -> No
     flags += ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
     flags += [f"--user-data-dir={WORK / 'profile'}", f"--screenshot={target}"]
     subprocess.run([browser, *flags, page.as_uri()], check=True, capture_output=True)
-    write_image(name, cv2.imread(str(target))[..., ::-1], size[0])
+    shot = cv2.imread(str(target))
+    if shot is None:
+        raise SystemExit(f"{browser} left no picture of {page}")
+    write_image(name, shot[..., ::-1], size[0])
 
 
 def desk() -> None:

@@ -31,6 +31,7 @@ def register(
     settings: Settings | Path | str = "default",
     overrides: Many[str] = (),
     layout: str | None = None,
+    follow_links: bool = False,
     camera: Path | str | None = None,
     gravity: Path | str | None = None,
     pose_prior: Path | str | None = None,
@@ -45,6 +46,7 @@ def register(
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
     `gravity`: an accelerometer table, `pose_prior`: a file of rough poses (docs/priors.md);
+    `follow_links`: images may lie behind symbolic links that lead out of the recording;
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
@@ -59,10 +61,11 @@ def register(
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
-    sequence = open_sequence(Path(folder), layout=layout, camera_path=camera, max_frames=max_frames)
+    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links)
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
-    for note in (f"camera: {sequence.camera.source}", *sequence.notes):
-        LOG.info("%s", note)
+    LOG.info("camera: %s", sequence.camera.source)
+    for note in sequence.notes:
+        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
     priors = read_priors(sequence, gravity, pose_prior)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)
@@ -99,6 +102,7 @@ def evaluate(
     *,
     edges: Path | str | None = None,
     protocol: Protocol | None = None,
+    follow_links: bool = False,
 ) -> Evaluation:
     """Errors of a results folder or a trajectory against a recording's ground truth or a trajectory file.
 
@@ -108,7 +112,8 @@ def evaluate(
     from miniloop_cli.evaluation.evaluate import evaluate as run_evaluation
     from miniloop_cli.results.evaluation_inputs import read_inputs
 
-    return run_evaluation(*read_inputs(Path(result), Path(ground_truth), Path(edges) if edges else None, protocol))
+    edges_path = Path(edges) if edges else None
+    return run_evaluation(*read_inputs(Path(result), Path(ground_truth), edges_path, protocol, follow_links))
 
 
 def simulate(

@@ -129,7 +129,7 @@ class Gravity(Section):
     """With `--gravity`: how far an accelerometer is believed."""
 
     max_median_deg: float = Field(
-        4.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is not used (degrees)."
+        6.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is refused (degrees)."
     )
     agree_deg: float = Field(4.0, gt=0, description="An edge that agrees so well is confirmed by it (degrees).")
     max_deg: float = Field(

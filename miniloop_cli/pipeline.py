@@ -41,7 +41,7 @@ def register(
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
-        edges, notes = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
+        edges, vertical, notes = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
@@ -57,7 +57,7 @@ def register(
             _why_nothing(scans, edges, settings), _registration(scans, edges, unknown, settings, seed, watch, notes)
         )
     with watch.stage("refinement"):
-        refined = refine(poses, edges, scans, settings.refine, settings.bundle, run)
+        refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run)
     return _registration(scans, edges, refined, settings, seed, watch, notes)
 
 

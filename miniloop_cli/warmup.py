@@ -1,9 +1,11 @@
-"""Compilation ahead: on a first run, a second process compiles the kernels of the last stages during the first ones.
+"""Compilation ahead: on a first run, a second process compiles kernels of later stages during the earlier ones.
 
-Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time.
-So a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It rehearses the stages from the
-last to the first, on a few made-up scans, and leaves the compiled kernels in numba's cache, where the run finds them.
-The same command makes a fresh installation ready, e.g. as the last step of a container image.
+Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time. So
+a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It uses the later stages on a few made-
+up scans and leaves the compiled kernels in numba's cache, where the run finds them. Its order keeps the two from
+compiling the same: first what all edges need, while the run still extracts and matches features; then, while the run
+begins with 5-cycles, the solver that it comes to next and the stages that follow. The same command makes a fresh
+installation ready, e.g. as the last step of a container image.
 """
 
 from __future__ import annotations
@@ -22,10 +24,11 @@ SCANS, POINTS = 5, 120
 
 
 def compiled() -> bool:
-    """Whether numba's cache holds the kernel that a rehearsal compiles first."""
-    from miniloop_cli.refinement.schur import reduce_tracks
+    """Whether numba's cache holds a kernel that a run without it would wait for longest."""
+    from miniloop_cli.ransac.gauss_newton import gauss_newton
 
-    return any(Path(reduce_tracks.stats.cache_path).glob(f"schur.{reduce_tracks.py_func.__name__}-*.nbi"))
+    folder = gauss_newton.stats.cache_path
+    return folder is not None and any(Path(folder).glob(f"gauss_newton.{gauss_newton.py_func.__name__}-*.nbi"))
 
 
 @cache
@@ -42,7 +45,7 @@ def compile_in_background() -> subprocess.Popen[bytes] | None:
 
 
 def warm_up() -> None:
-    """Run refinement, averaging and the solution of edges, in this order, on scans of a made-up cloud of points."""
+    """Solve a pair, refine, average, and solve cycles, on scans of a made-up cloud of points."""
     from miniloop_cli.config import Settings
     from miniloop_cli.geometry import se3
     from miniloop_cli.geometry.camera import Camera
@@ -54,6 +57,7 @@ def warm_up() -> None:
     from miniloop_cli.scene.points import scan_points
     from miniloop_cli.scene.poses import Poses
     from miniloop_cli.scene.verdict import Verdict
+    from miniloop_cli.solvers import load
     from miniloop_cli.stages.solve_edges import solve_cycles
     from miniloop_cli.verification.consensus import average_verified
 
@@ -77,11 +81,20 @@ def warm_up() -> None:
     ])  # fmt: skip
     stamps_s = np.arange(SCANS) / 30
     scans = Scans(features, points, stamps_s, stamps_s + 0.01, camera, settings.features.type)
+
+    def solve(count: int) -> None:
+        """Solve a pair, or a cycle of so many scans."""
+        ring = {(min(k, (k + 1) % count), max(k, (k + 1) % count)): same for k in range(count)}
+        solve_cycles(ring, points, settings.estimation, 0, workers)
+
+    solve(2)
+    cycle4 = load("cycle4")
+    sample = cloud[None, : sum(cycle4.matches)]
+    cycle4.solve_batch(sample, sample)
     refine_jointly(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings.refine, settings.bundle, workers)
     average_verified(edges, SCANS, settings.averaging)
-    for count in (3, 2, 4, 5):  # a run comes to five first
-        ring = {tuple(sorted((k, (k + 1) % count))): same for k in range(count)}
-        solve_cycles(ring, points, settings.estimation, 0, workers)
+    for count in (3, 4, 5):
+        solve(count)
 
 
 if __name__ == "__main__":

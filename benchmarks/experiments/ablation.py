@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments.feature_store import FeatureStore
+from benchmarks.experiments.own_inliers import judged_by_inliers
 from miniloop_cli.bench import Row
 from miniloop_cli.bench.known_overlaps import right
 from miniloop_cli.bench.overlaps import open_with_truth
@@ -22,11 +23,9 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
-from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.results.folder import read_edge_list
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED, pairs_of
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.scene.sequence import Sequence as Recording
@@ -157,8 +156,7 @@ def _same(a: Camera, b: Camera) -> bool:
 
 def _verified(run: Registration | None) -> Ints:
     """(e, 2) frames of the verified edges."""
-    edges = run.edges if run else []
-    return pairs_of([e for e in edges if e.verdict == VERIFIED])
+    return run.edges.pairs[run.edges.verified] if run else np.zeros((0, 2), np.int64)
 
 
 def _scores(run: Registration | None, stamps: Floats, truth: Trajectory, edges: Floats) -> Row:
@@ -176,13 +174,15 @@ def _scores(run: Registration | None, stamps: Floats, truth: Trajectory, edges: 
 
 def _estimates(run: Registration | None, stamps: Floats, truth: Trajectory) -> Row:
     """The edges as they were estimated, before averaging: median errors, and the share that is wrong."""
+    none = dict.fromkeys(("estimate_deg", "estimate_cm", "wrong_share"))
+    if run is None:
+        return none
     T_true, known = associate(stamps, truth, PROTOCOL.association, PROTOCOL.max_diff_s)
-    found = [judge(e, run.settings.verification) for e in run.edges if known[e.i] and known[e.j]] if run else []
-    found = [e for e in found if e.verdict == VERIFIED]
-    if not found:
-        return dict.fromkeys(("estimate_deg", "estimate_cm", "wrong_share"))
-    i, j = pairs_of(found).T
-    E = se3.inverse(T_true[i]) @ T_true[j] @ np.array([e.T_j_i for e in found])
+    judged = judged_by_inliers(run.edges, run.settings.verification)
+    found = judged.subset(judged.verified & known[judged.i] & known[judged.j])
+    if not len(found):
+        return none
+    E = se3.inverse(T_true[found.i]) @ T_true[found.j] @ found.T_j_i
     deg, metres = se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
     row = {"estimate_deg": float(np.median(deg)), "estimate_cm": 100 * float(np.median(metres))}
     row |= {"wrong_share": float((~right(deg, metres)).mean())}

@@ -12,17 +12,17 @@ from matplotlib.figure import Figure
 
 from miniloop_cli.bench import Row
 from miniloop_cli.bench.known_overlaps import Overlaps, read_overlaps, right
-from miniloop_cli.config import Settings
+from miniloop_cli.config import Estimation
 from miniloop_cli.geometry import se3
 from miniloop_cli.presets import load_settings
+from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
-from miniloop_cli.stages.average import average
-from miniloop_cli.stages.solve_edges import solve_edges
-from miniloop_cli.typing import Floats, Pair
-from miniloop_cli.verification.photometric_check import PhotometricCheck
-from miniloop_cli.verification.repetition import steps_m
+from miniloop_cli.stages.average import average, photometric_check
+from miniloop_cli.stages.run import Run
+from miniloop_cli.stages.solve_edges import solve_cycles
+from miniloop_cli.typing import Bools, Floats, Ints
 
 LENGTHS = (2, 3, 4, 5, 6, 7)
 NAMES = {2: "pairs only", **{n: f"up to {n}-cycles" for n in LENGTHS[1:]}}
@@ -41,64 +41,64 @@ def edge_rows(
     for folder in sequences:
         settings = {n: load_settings(overrides=(f"cycles.longest={n}",)) for n in lengths}
         overlaps = read_overlaps(folder, settings[2], max_frames, workers)
-        _warm_up(overlaps, settings.values(), seed, workers)
-        features = [scan.features for scan in overlaps.scans]
-        steps = steps_m(features, overlaps.points, overlaps.camera.width, settings[2], workers)
-        views, outline = [scan.view for scan in overlaps.scans], [found.outline for found in features]
-        photometric = PhotometricCheck(views, overlaps.points, outline, steps, overlaps.camera)
+        _warm_up(overlaps, [each.estimation for each in settings.values()], seed, workers)
+        (ransac, verification, _), run = settings[2].estimation, Run(Store(default_folder()), workers, seed)
+        photometric = photometric_check(overlaps.scans, ransac, verification.chi2, run)
         solved, poses, seconds = {}, {}, {}
         for n in lengths:
-            solved[n], seconds[n] = _solve(overlaps, settings[n], seed, workers)
-            poses[n], _ = average(solved[n], len(overlaps.points), settings[n].averaging, photometric)
-        pairs = sorted(set.intersection(*(_scored(solved[n], poses[n], overlaps) for n in lengths)))
+            solved[n], seconds[n] = _solve(overlaps, settings[n].estimation, seed, workers)
+            poses[n], _ = average(solved[n], overlaps.scans, settings[n].averaging, photometric)
+        # Every row has all edges of the graph, in the same order.
+        scored = np.all([_scored(solved[n], poses[n], overlaps) for n in lengths], axis=0)
+        pairs = solved[2].pairs[scored]
         for n in lengths:
             row: Row = {"sequence": overlaps.name, "edges_are": NAMES[n], "longest": n, "edges": len(overlaps.matches)}
             row |= _verdicts(solved[n], overlaps) | {"scored": len(pairs)}
-            row |= _errors("before", overlaps, pairs, _estimated(solved[n], pairs))
+            row |= _errors("before", overlaps, pairs, solved[n].T_j_i[scored])
             row |= _errors("after", overlaps, pairs, _averaged(poses[n], pairs))
             row |= {"cpu_s": round(seconds[n], 3), "cpu_over_pairs": round(seconds[n] / seconds[2], 3)}
             yield row
 
 
-def _solve(overlaps: Overlaps, settings: Settings, seed: int, workers: Workers) -> tuple[list[Edge], float]:
-    least, edges = np.inf, []
+def _solve(overlaps: Overlaps, settings: Estimation, seed: int, workers: Workers) -> tuple[EdgeTable, float]:
+    seconds = []
     for _ in range(REPEATS):
         begin = time.process_time()
-        edges = solve_edges(overlaps.matches, overlaps.points, settings, seed, workers)
-        least = min(least, time.process_time() - begin)
-    return edges, least
+        edges = solve_cycles(overlaps.matches, overlaps.points, settings, seed, workers)
+        seconds.append(time.process_time() - begin)
+    return edges, min(seconds)
 
 
-def _warm_up(overlaps: Overlaps, settings: Iterable[Settings], seed: int, workers: Workers) -> None:
+def _warm_up(overlaps: Overlaps, settings: Iterable[Estimation], seed: int, workers: Workers) -> None:
     """Compile, or load what is compiled, on the first scans."""
     few = {pair: rows for pair, rows in overlaps.matches.items() if max(pair) < 12}
     for one in settings:
-        solve_edges(few, overlaps.points, one, seed, replace(workers, quiet=True))
+        solve_cycles(few, overlaps.points, one, seed, replace(workers, quiet=True))
 
 
-def _verdicts(edges: Sequence[Edge], overlaps: Overlaps) -> Row:
+def _verdicts(edges: EdgeTable, overlaps: Overlaps) -> Row:
     """How many edges are verified, and how many of these are mistakes."""
-    found = [e for e in edges if e.verdict == VERIFIED and overlaps.known[e.i] and overlaps.known[e.j]]
-    errors = overlaps.errors([(e.i, e.j) for e in found], np.array([e.T_j_i for e in found]))
+    found = edges.subset(_measured(edges, overlaps))
+    errors = overlaps.errors(found.pairs, found.T_j_i)
     return {"verified": len(found), "wrong": int((~right(*errors)).sum())}
 
 
-def _scored(edges: Sequence[Edge], poses: Poses, overlaps: Overlaps) -> set[Pair]:
-    usable = overlaps.known & (poses.component == 0)
-    return {(e.i, e.j) for e in edges if e.verdict == VERIFIED and usable[e.i] and usable[e.j]}
+def _measured(edges: EdgeTable, overlaps: Overlaps) -> Bools:
+    """(m,) whether an edge is verified and its true relative pose is known."""
+    return edges.verified & overlaps.known[edges.i] & overlaps.known[edges.j]
 
 
-def _estimated(edges: Sequence[Edge], pairs: Sequence[Pair]) -> Floats:
-    T_j_i = {(e.i, e.j): e.T_j_i for e in edges}
-    return np.array([T_j_i[pair] for pair in pairs]).reshape(-1, 4, 4)
+def _scored(edges: EdgeTable, poses: Poses, overlaps: Overlaps) -> Bools:
+    """(m,) whether an edge can also be measured after averaging."""
+    return _measured(edges, overlaps) & poses.joins(edges)
 
 
-def _averaged(poses: Poses, pairs: Sequence[Pair]) -> Floats:
-    i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+def _averaged(poses: Poses, pairs: Ints) -> Floats:
+    i, j = pairs.T
     return se3.inverse(poses.T_world_cam[j]) @ poses.T_world_cam[i]
 
 
-def _errors(when: str, overlaps: Overlaps, pairs: Sequence[Pair], T_j_i: Floats) -> Row:
+def _errors(when: str, overlaps: Overlaps, pairs: Ints, T_j_i: Floats) -> Row:
     """Mean, median and 95th percentile of rotation (degrees) and translation error (cm)."""
     deg, metres = overlaps.errors(pairs, T_j_i)
     row: Row = {}

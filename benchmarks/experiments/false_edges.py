@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import networkx as nx
 import numpy as np
 
 from miniloop_cli.bench.overlaps import open_with_truth
@@ -16,13 +15,15 @@ from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED, Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.points import scan_points
 from miniloop_cli.scene.registration import RegistrationError
-from miniloop_cli.typing import Bools, Floats, Ints
+from miniloop_cli.scene.view_graph import components
+from miniloop_cli.stages.average import photometric_check
+from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.run import Run
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 from miniloop_cli.verification.photometric_check import PhotometricCheck
-from miniloop_cli.verification.repetition import steps_m
 
 KINDS = ("random", "consistent")
 TRUE_DEG, TRUE_M = 5.0, 0.10  # an estimate within this of the ground truth is a true edge
@@ -48,10 +49,14 @@ class TrueGraph:
     """
 
     name: str
-    edges: list[Edge]
+    edges: EdgeTable
     scans: Ints
     T_world_cam: Floats
     photometric: PhotometricCheck
+
+    def motions(self, i: Ints | int, j: Ints | int) -> Floats:
+        """True T_j_i (..., 4, 4) of pairs of scans."""
+        return _motions(self.T_world_cam, i, j)
 
 
 def true_graph(folder: Path, max_frames: int | None, seed: int, workers: Workers) -> TrueGraph:
@@ -60,37 +65,35 @@ def true_graph(folder: Path, max_frames: int | None, seed: int, workers: Workers
     Raises InputError without ground truth, RegistrationError where fewer than LEAST_SCANS scans hang together.
     """
     sequence, truth = open_with_truth(folder, max_frames)
-    run = register(sequence, load_settings("default", UNGATED), Store(default_folder()), workers, seed)
+    settings, store = load_settings("default", UNGATED), Store(default_folder())
+    edges = register(sequence, settings, store, workers, seed).edges
     T, known = associate(np.array([frame.timestamp_s for frame in sequence.frames]), truth)
-
-    def is_true(edge: Edge) -> bool:
-        return _near(edge.T_j_i, _motion(T, edge.i, edge.j), TRUE_DEG, TRUE_M)
-
-    edges = [e for e in run.edges if e.verdict == VERIFIED and known[e.i] and known[e.j] and is_true(e)]
-    pieces = sorted(nx.connected_components(nx.Graph((e.i, e.j) for e in edges)), key=len)
-    if not pieces or len(pieces[-1]) < LEAST_SCANS:
+    near = near_to(edges.T_j_i, _motions(T, edges.i, edges.j), TRUE_DEG, TRUE_M)
+    edges = edges.subset(edges.verified & known[edges.i] & known[edges.j] & near)
+    piece = components(len(sequence.frames), edges.pairs)
+    inside = np.flatnonzero(piece == 0)
+    if len(inside) < LEAST_SCANS:
         raise RegistrationError(f"{folder}: fewer than {LEAST_SCANS} scans hang together by true edges")
-    features = [scan.features for scan in run.scans]
-    points = [scan_points(found, sequence.camera) for found in features]
-    steps = steps_m(features, points, sequence.camera.width, load_settings(), workers)
+    run = Run(store, workers, seed)
+    scans = extract(sequence, settings.features, settings.depth, run)
+    shown = photometric_check(scans, settings.ransac, settings.verification.chi2, run)
     # Edges get the matches of others: the rows of those name other features here, and say nothing of outlines.
-    outline = [np.zeros(max(map(len, features)), bool)] * len(features)
-    photometric = PhotometricCheck([scan.view for scan in run.scans], points, outline, steps, sequence.camera)
-    inside = [e for e in edges if e.i in pieces[-1]]
-    return TrueGraph(sequence.name, inside, np.array(sorted(pieces[-1])), T, photometric)
+    outline = [np.zeros(max(map(len, scans.features)), bool)] * len(scans)
+    photometric = replace(shown, outline=outline)
+    return TrueGraph(sequence.name, edges.subset(piece[edges.i] == 0), inside, T, photometric)
 
 
-def _near(T_a: Floats, T_b: Floats, deg: float, metres: float) -> bool:
-    """Whether two relative poses (4, 4) differ by less than an angle and a distance."""
+def near_to(T_a: Floats, T_b: Floats, deg: float, metres: float) -> Bools:
+    """Whether relative poses (..., 4, 4) differ by less than an angle and a distance."""
     E = se3.inverse(T_b) @ T_a
-    return bool(se3.rotation_angle_deg(E[:3, :3]) < deg and np.linalg.norm(E[:3, 3]) < metres)
+    return (se3.rotation_angle_deg(E[..., :3, :3]) < deg) & (np.linalg.norm(E[..., :3, 3], axis=-1) < metres)
 
 
-def _motion(T_world_cam: Floats, i: int, j: int) -> Floats:
+def _motions(T_world_cam: Floats, i: Ints | int, j: Ints | int) -> Floats:
     return se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 
-def with_false_edges(graph: TrueGraph, kind: str, share: float, rng: np.random.Generator) -> tuple[list[Edge], Bools]:
+def with_false_edges(graph: TrueGraph, kind: str, share: float, rng: np.random.Generator) -> tuple[EdgeTable, Bools]:
     """Edges of which a share is false, sorted by (i, j), and which (m,) those are.
 
     A false edge is as an estimator would find it: its scans overlap by its relative pose, which is off by more than
@@ -101,43 +104,47 @@ def with_false_edges(graph: TrueGraph, kind: str, share: float, rng: np.random.G
     A false edge takes the place of the true one of its pair, if there is one. If there are fewer such pairs than
     asked for, the share is less.
     """
-    edges = {(e.i, e.j): e for e in graph.edges}
-    degree = np.bincount(np.array(list(edges)).ravel(), minlength=len(graph.T_world_cam))
-    false: dict[tuple[int, int], Edge] = {}
+    edges = graph.edges
+    noise = edges.T_j_i @ se3.inverse(graph.motions(edges.i, edges.j))
+    degree = np.bincount(edges.pairs.ravel(), minlength=len(graph.T_world_cam))
+    true = {(i, j) for i, j in edges.pairs.tolist()}
+    false: dict[Pair, Edge] = {}
     stalled = 0
-    while len(false) < share * (len(edges) + len(false)) and stalled < PATIENCE:
+    while len(false) < share * (len(true) + len(false)) and stalled < PATIENCE:
         before = len(false)
-        for i, j, T_j_i in _cluster(graph, rng) if kind == "consistent" else _lone(graph, rng):
-            if len(false) >= share * (len(edges) + len(false)):
+        for (i, j), T_j_i in _cluster(graph, rng) if kind == "consistent" else _lone(graph, rng):
+            if len(false) >= share * (len(true) + len(false)):
                 break
-            replaces = (i, j) in edges
+            replaces = (i, j) in true
             if (i, j) in false or (replaces and min(degree[i], degree[j]) <= KEPT_EDGES):
                 continue
-            like = graph.edges[int(rng.integers(len(graph.edges)))]
-            noise = like.T_j_i @ se3.inverse(_motion(graph.T_world_cam, like.i, like.j))
-            if _near(noise @ T_j_i, _motion(graph.T_world_cam, i, j), FALSE_DEG, FALSE_M):
+            like = int(rng.integers(len(edges)))
+            found = noise[like] @ T_j_i
+            if near_to(found, graph.motions(i, j), FALSE_DEG, FALSE_M):
                 continue
-            if edges.pop((i, j), None):
+            if replaces:
+                true.remove((i, j))
                 degree[[i, j]] -= 1
-            false[i, j] = replace(like, i=i, j=j, T_j_i=noise @ T_j_i)
+            false[i, j] = replace(edges.edge(like), i=i, j=j, T_j_i=found)
         stalled = stalled + 1 if len(false) == before else 0
-    pairs = sorted({**edges, **false})
-    return [false.get(pair) or edges[pair] for pair in pairs], np.array([pair in false for pair in pairs])
+    mixed = edges.replaced(list(false.values()))
+    return mixed, np.array([(i, j) in false for i, j in mixed.pairs.tolist()])
 
 
-def _lone(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[int, int, Floats]]:
+def _lone(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[Pair, Floats]]:
+    """A pair of scans, i < j, and a wrong T_j_i."""
     i, j = sorted(int(scan) for scan in rng.choice(graph.scans, 2, replace=False))
-    return [(i, j, _some_motion(graph, rng))]
+    return [((i, j), _some_motion(graph, rng))]
 
 
 def _some_motion(graph: TrueGraph, rng: np.random.Generator) -> Floats:
     """T_j_i (4, 4) of a true edge, either way round."""
-    like = graph.edges[int(rng.integers(len(graph.edges)))]
-    T = _motion(graph.T_world_cam, like.i, like.j)
+    like = int(rng.integers(len(graph.edges)))
+    T = graph.motions(int(graph.edges.i[like]), int(graph.edges.j[like]))
     return T if rng.random() < 0.5 else se3.inverse(T)
 
 
-def _cluster(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[int, int, Floats]]:
+def _cluster(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[Pair, Floats]]:
     """Pairs across two runs of scans that overlap once the second run lies over the first, in random order."""
     count = len(graph.scans)
     sizes = rng.integers(max(count // 8, 2), count // 3 + 1, 2)
@@ -150,9 +157,9 @@ def _cluster(graph: TrueGraph, rng: np.random.Generator) -> list[tuple[int, int,
     photometric = graph.photometric
     pairs = partners(moved, np.concatenate([a, b]), photometric.points, photometric.camera, count)
     across = [pair for pair in pairs if pair[0] in set(a.tolist()) and pair[1] in set(b.tolist())]
-    return [(i, j, _motion(moved, i, j)) for i, j in rng.permutation(np.array(across).reshape(-1, 2)).tolist()]
+    return [((i, j), _motions(moved, i, j)) for i, j in rng.permutation(np.array(across).reshape(-1, 2)).tolist()]
 
 
 # Edges to T_world_cam (n, 4, 4), which of the scans have a pose, and the edges as judged (None: they are not judged).
-Solution = tuple[Floats, Bools, Sequence[Edge] | None]
-Solve = Callable[[TrueGraph, Sequence[Edge]], Solution]
+Solution = tuple[Floats, Bools, EdgeTable | None]
+Solve = Callable[[TrueGraph, EdgeTable], Solution]

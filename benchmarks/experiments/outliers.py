@@ -19,10 +19,10 @@ from miniloop_cli.config import Averaging
 from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import REJECTED, Edge
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import usable_edges
-from miniloop_cli.stages.average import average
 from miniloop_cli.typing import Bools
+from miniloop_cli.verification.consensus import average_verified
 from miniloop_cli.verification.photometric_check import PhotometricCheck
 
 SIMULATED = {"simulated-loop": "loop", "simulated-walk": "random-walk"}  # names and paths
@@ -30,20 +30,19 @@ MAX_ERROR_FACTOR = 2.0  # times the error on the clean graph
 LEAST_POSED = 0.95  # of the scans that the clean graph places
 
 
-def miniloop(graph: TrueGraph, edges: Sequence[Edge], photometric: PhotometricCheck | None = None) -> Solution:
+def miniloop(graph: TrueGraph, edges: EdgeTable, photometric: PhotometricCheck | None = None) -> Solution:
     """As the pipeline does it, up to the pose graph over the edges that are left."""
     count = len(graph.T_world_cam)
-    poses, judged = average(edges, count, Averaging(), photometric)
+    poses, judged = average_verified(edges, count, Averaging(), photometric)
     posed = poses.component == 0
-    inside = [e for e in usable_edges(judged, count) if posed[e.i] and posed[e.j]]
-    if not inside:
+    inside = judged.subset(usable_edges(judged, count) & poses.joins(judged))
+    if not len(inside):
         return poses.T_world_cam, posed, judged
-    pairs, T_j_i = [(e.i, e.j) for e in inside], np.array([e.T_j_i for e in inside])
-    refined = refine_pose_graph(poses.T_world_cam, pairs, T_j_i, np.array([e.information for e in inside]))
+    refined = refine_pose_graph(poses.T_world_cam, inside.pairs, inside.T_j_i, inside.information)
     return refined.T_world_cam, posed, judged
 
 
-def looking(graph: TrueGraph, edges: Sequence[Edge]) -> Solution:
+def looking(graph: TrueGraph, edges: EdgeTable) -> Solution:
     """As `miniloop`, with the scans' pictures and depth to be asked about edges, as in `miniloop register`."""
     return miniloop(graph, edges, graph.photometric)
 
@@ -102,7 +101,7 @@ def graph_rows(
                 yield head | _summary(mine, clean[name])
 
 
-def _measured(graph: TrueGraph, edges: Sequence[Edge], false: Bools, solve: Solve) -> Row:
+def _measured(graph: TrueGraph, edges: EdgeTable, false: Bools, solve: Solve) -> Row:
     """Errors of a method's result over the scans that the true edges connect."""
     begin = time.perf_counter()
     T, posed, judged = solve(graph, edges)
@@ -118,11 +117,8 @@ def _measured(graph: TrueGraph, edges: Sequence[Edge], false: Bools, solve: Solv
             moved = align_points(T[scans, :3, 3], T_true[:, :3, 3]).points(T[scans, :3, 3])
             row["ate_cm"] = 100 * float(np.sqrt(((moved - T_true[:, :3, 3]) ** 2).sum(axis=1).mean()))
     if judged is not None:
-        kept = np.array([edge.verdict != REJECTED for edge in judged])
-        row |= {
-            "false_kept": float(kept[false].mean()) if false.any() else 0.0,
-            "true_lost": float((~kept[~false]).mean()),
-        }
+        row["false_kept"] = float(judged.open[false].mean()) if false.any() else 0.0
+        row["true_lost"] = float((~judged.open[~false]).mean())
     return row
 
 

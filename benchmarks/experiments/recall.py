@@ -9,17 +9,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments.feature_store import FeatureStore
+from benchmarks.experiments.own_inliers import judged_by_inliers
 from miniloop_cli.bench import Row
 from miniloop_cli.datasets import open_sequence, read_ground_truth
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
-from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Trajectory
+from miniloop_cli.typing import Pair
 
 WAYS = {  # every name with the settings that make it
     "exhaustive": ("matching.pairs=exhaustive",),
@@ -42,7 +42,7 @@ def recall_rows(
         sequence = open_sequence(folder, max_frames=max_frames)
         truth = read_ground_truth(sequence)
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
-        first: tuple[set[tuple[int, int]], float] | None = None
+        first: tuple[set[Pair], float] | None = None
         for name, changes in WAYS.items():
             run = register(sequence, load_settings("default", (*overrides, *changes)), store, workers, seed)
             found, matching_cpu_s = _verified(run), run.cpu_timings_s["matching"]
@@ -59,9 +59,9 @@ def recall_rows(
             yield row | {"ate_cm": ate}
 
 
-def _verified(run: Registration) -> set[tuple[int, int]]:
-    judged = (judge(edge, run.settings.verification) for edge in run.edges)
-    return {(edge.i, edge.j) for edge in judged if edge.verdict == VERIFIED}
+def _verified(run: Registration) -> set[Pair]:
+    judged = judged_by_inliers(run.edges, run.settings.verification)
+    return {(i, j) for i, j in judged.pairs[judged.verified].tolist()}
 
 
 def _warm_up(folder: Path, store: Store, workers: Workers) -> None:

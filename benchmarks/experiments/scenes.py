@@ -17,7 +17,7 @@ from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
-from miniloop_cli.results.tables import reason
+from miniloop_cli.results.tables import frame_status
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.interpolation import associate
@@ -103,7 +103,7 @@ def scene_row(name: str, scene: Scene, frames: int, width: int, seed: int, worke
         posed = run.poses.registered
         T, T_posed, covariance = run.poses.T_world_cam[posed], T_true[posed], run.covariance[posed]
         lost = sorted(set(range(count)) - set(posed.tolist()))
-        silent = not all(reason(run, k) for k in lost)
+        silent = not all(frame_status(run, k)[1] for k in lost)
         row |= {"registered": len(posed), "verdict": _said(run, lost, count)}
         row["ate_cm"], row["rot_deg"] = (
             float(np.sqrt((e**2).mean())) * scale for e, scale in zip(aligned_errors(T, T_posed), (100, 1), strict=True)
@@ -117,7 +117,7 @@ def scene_row(name: str, scene: Scene, frames: int, width: int, seed: int, worke
 def _said(run: Registration, lost: Sequence[int], count: int) -> str:
     """What the run says of itself: how many frames have a pose, and why the first of the others has none."""
     said = f"{count - len(lost)} of {count} frames registered"
-    return said + (f"; frame {lost[0]}: {reason(run, lost[0])}" if lost else "")
+    return said + (f"; frame {lost[0]}: {frame_status(run, lost[0])[1]}" if lost else "")
 
 
 def draw(rows: Sequence[Row]) -> Figure:

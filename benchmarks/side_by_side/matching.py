@@ -20,6 +20,7 @@ from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.stages.extract import extract
+from miniloop_cli.stages.run import Run
 
 RATIO = 0.8
 REPEATS = 3
@@ -101,11 +102,11 @@ def main() -> None:
     rng = np.random.default_rng(0)
     chosen = rng.integers(0, len(sequence.frames), (options.pairs, 2))
     pairs = [(int(i), int(j)) for i, j in chosen if i != j]
-    rows = []
+    rows, run = [], Run(Store(default_folder()), Workers())
     for kind, counts in {"rootsift": (500, 1200, 2000), "orb": (1200, 2000)}.items():
         settings = load_settings(overrides=(f"features.type={kind}",))
-        features = [scan.features for scan in extract(sequence, settings, Store(default_folder()), Workers())]
-        descriptors = [comparable(found.descriptors[: found.with_depth], kind) for found in features]
+        scans = extract(sequence, settings.features, settings.depth, run)
+        descriptors = [comparable(found.descriptors[: found.with_depth], kind) for found in scans.features]
         cv2.setNumThreads(1)
         faiss.omp_set_num_threads(1)
         with threadpool_limits(1):

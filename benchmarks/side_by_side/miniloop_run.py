@@ -17,14 +17,13 @@ def main() -> None:
     from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
-    from miniloop_cli.scene.edge import VERIFIED
 
     sequence = open_sequence(options.sequence, max_frames=options.max_frames)
     with tempfile.TemporaryDirectory() as empty:
         run = register(sequence, load_settings(options.config), Store(Path(empty)), Workers(), options.seed)
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
     write_poses(options.out, stamps[run.poses.registered], run.poses.T_world_cam[run.poses.registered])
-    edges = sum(edge.verdict == VERIFIED for edge in run.edges)
+    edges = int(run.edges.verified.sum())
     stages = {name: {"wall": wall, "cpu": run.cpu_timings_s[name]} for name, wall in run.timings_s.items()}
     write_result(options.out, {"stages": stages, "frames": len(stamps), "edges": edges})
 

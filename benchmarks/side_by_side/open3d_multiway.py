@@ -10,12 +10,12 @@ fitted to them (twice, as inliers change).
 from __future__ import annotations
 
 import tempfile
+from itertools import combinations
 from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 
 from benchmarks.side_by_side.clock import Clock, arguments, write_poses, write_result
 from miniloop_cli.datasets import open_sequence
@@ -24,11 +24,11 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.points import scan_points
+from miniloop_cli.stages.candidates import enough, match_fully
 from miniloop_cli.stages.extract import extract
-from miniloop_cli.stages.match import enough, match_fully
+from miniloop_cli.stages.run import Run
+from miniloop_cli.typing import Floats, Ints, Pair
 
-Floats = NDArray[np.float64]
 registration = o3d.pipelines.registration
 o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)
 
@@ -57,7 +57,7 @@ def register_pair(p: Floats, q: Floats, distance_m: float) -> tuple[Floats, Floa
     return T, information, int(inliers.sum())
 
 
-def optimise(count: int, edges: dict[tuple[int, int], tuple[Floats, Floats, int]], distance_m: float) -> dict:
+def optimise(edges: dict[tuple[int, int], tuple[Floats, Floats, int]], distance_m: float) -> dict:
     """Poses {scan: T_world_cam} of the largest component: pose graph from the tree of most inliers, then optimised."""
     graph = nx.Graph()
     graph.add_weighted_edges_from((i, j, inliers) for (i, j), (_, _, inliers) in edges.items())
@@ -88,16 +88,19 @@ def main() -> None:
     settings = load_settings(overrides=(f"matching.min_matches={options.min_inliers}",))  # fewer cannot do
     o3d.utility.random.seed(0)
     with clock.stage("features"), tempfile.TemporaryDirectory() as empty:
-        features = [scan.features for scan in extract(sequence, settings, Store(Path(empty)), workers)]
-        points = [scan_points(found, sequence.camera).points_m for found in features]
+        scans = extract(sequence, settings.features, settings.depth, Run(Store(Path(empty)), workers))
+        points = [scan.points_m for scan in scans.points]
     with clock.stage("matching"):
-        descriptors = [comparable(found.descriptors[: found.with_depth], "rootsift") for found in features]
-        pairs = [(i, j) for i in range(len(features)) for j in range(i + 1, len(features))]
+        descriptors = [comparable(found.descriptors[: found.with_depth], "rootsift") for found in scans.features]
+        pairs = list(combinations(range(len(scans)), 2))
         if options.matcher == "opencv":
             # Late: what it imports beside would count in the memory of the other row.
             from benchmarks.side_by_side.matching import opencv
 
-            found = workers.map(lambda p: opencv(descriptors[p[0]], descriptors[p[1]]), pairs, "matching", len(pairs))
+            def compare(pair: Pair) -> Ints:
+                return opencv(descriptors[pair[0]], descriptors[pair[1]])
+
+            found = workers.map(compare, pairs, "matching", len(pairs))
             matches = enough(pairs, found, settings.matching)
         else:
             matches = match_fully(descriptors, pairs, settings.matching, workers)
@@ -108,7 +111,7 @@ def main() -> None:
             if edge[2] >= options.min_inliers:
                 edges[i, j] = edge
     with clock.stage("pose graph"):
-        poses = optimise(len(features), edges, options.distance_m)
+        poses = optimise(edges, options.distance_m)
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
     write_poses(options.out, stamps[list(poses)], np.array(list(poses.values())))
     write_result(options.out, {"stages": clock.stages, "frames": len(stamps), "edges": len(edges)})

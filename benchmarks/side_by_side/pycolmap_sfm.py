@@ -15,14 +15,15 @@ import pycolmap
 
 from benchmarks.side_by_side.clock import Clock, arguments, write_poses, write_result
 from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.scene.sequence import Sequence
 
 
 def undistort_images(sequence: Sequence, folder: Path) -> None:
     """Write every colour image as an ideal pinhole camera of the same K would have taken it, named by its number."""
-    camera = sequence.camera
+    undistort = undistorter(sequence.camera)
     for k in range(len(sequence.frames)):
-        color = cv2.undistort(read_scan(sequence, k).color, camera.K, np.array(camera.distortion))
+        color = undistort(read_scan(sequence, k)).color
         cv2.imwrite(str(folder / f"{k:06d}.png"), cv2.cvtColor(color, cv2.COLOR_RGB2BGR))
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import gtsam
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.experiments.own_inliers import judged_by_inliers
 from benchmarks.experiments.peers.averaging import gtsam_rotations, pycolmap_rotations
 from benchmarks.experiments.view_graphs import ViewGraph
 from benchmarks.side_by_side.clock import arguments, write_poses, write_result
@@ -26,40 +26,39 @@ from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
-from miniloop_cli.ransac.cycle_edges import judge
 from miniloop_cli.refinement.posegraph import refine_pose_graph
 from miniloop_cli.runtime.artifact_store import Store, default_folder
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import VERIFIED, Edge, pairs_of
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.view_graph import components
-from miniloop_cli.stages.average import average
+from miniloop_cli.typing import Floats
+from miniloop_cli.verification.consensus import average_verified
 
-Floats = NDArray[np.float64]
 
-
-def tree_poses(edges: list[Edge], count: int) -> Floats:
+def tree_poses(edges: EdgeTable, count: int) -> Floats:
     """Poses (count, 4, 4) along the tree of most inliers: where gtsam starts."""
     graph = nx.Graph()
     graph.add_nodes_from(range(count))
-    graph.add_edges_from((e.i, e.j, {"weight": e.inlier_count, "edge": e}) for e in edges)
+    columns = zip(edges.pairs.tolist(), edges.inlier_count.tolist(), edges.T_j_i, strict=True)
+    graph.add_edges_from((i, j, {"weight": inliers, "T_j_i": T_j_i}) for (i, j), inliers, T_j_i in columns)
     T, tree = np.tile(np.eye(4), (count, 1, 1)), nx.maximum_spanning_tree(graph)
     for known, new in nx.bfs_edges(tree, 0):
-        edge = tree.edges[known, new]["edge"]
-        T[new] = T[known] @ (se3.inverse(edge.T_j_i) if edge.i == known else edge.T_j_i)
+        T_j_i = tree.edges[known, new]["T_j_i"]
+        T[new] = T[known] @ (se3.inverse(T_j_i) if known < new else T_j_i)
     return T
 
 
-def gtsam_poses(edges: list[Edge], count: int, graduated: bool) -> Floats:
+def gtsam_poses(edges: EdgeTable, count: int, graduated: bool) -> Floats:
     """gtsam's pose graph: Levenberg-Marquardt with Cauchy's loss, or graduated non-convexity."""
     graph, start = gtsam.NonlinearFactorGraph(), gtsam.Values()
     graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
     loss = gtsam.noiseModel.mEstimator.Cauchy.Create(2.0)
-    for e in edges:
+    for (i, j), T_i_j, covariance in zip(edges.pairs.tolist(), se3.inverse(edges.T_j_i), edges.covariance, strict=True):
         # The edge's error (w, v) lies in frame j, as gtsam's does; to first order only its sign differs.
-        noise: Any = gtsam.noiseModel.Gaussian.Covariance(e.covariance)
+        noise: Any = gtsam.noiseModel.Gaussian.Covariance(covariance)
         if not graduated:
             noise = gtsam.noiseModel.Robust.Create(loss, noise)
-        graph.add(gtsam.BetweenFactorPose3(e.i, e.j, gtsam.Pose3(se3.inverse(e.T_j_i)), noise))
+        graph.add(gtsam.BetweenFactorPose3(i, j, gtsam.Pose3(T_i_j), noise))
     for k, T in enumerate(tree_poses(edges, count)):
         start.insert(k, gtsam.Pose3(T))
     if graduated:
@@ -71,36 +70,29 @@ def gtsam_poses(edges: list[Edge], count: int, graduated: bool) -> Floats:
     return np.array([found.atPose3(k).matrix() for k in range(count)])
 
 
-def miniloop_pose_graph(edges: list[Edge], count: int, settings: Averaging) -> Floats:
+def miniloop_pose_graph(edges: EdgeTable, count: int, settings: Averaging) -> Floats:
     """miniloop's robust pose graph from its own averaging, on the edges that averaging leaves."""
-    poses, kept = average(edges, count, settings)
-    kept = [e for e in kept if e.verdict == VERIFIED]
-    return refine_pose_graph(
-        poses.T_world_cam,
-        pairs_of(kept),
-        np.array([e.T_j_i for e in kept]),
-        np.array([e.information for e in kept]),
-    ).T_world_cam
+    poses, judged = average_verified(edges, count, settings)
+    kept = judged.subset(judged.verified)
+    return refine_pose_graph(poses.T_world_cam, kept.pairs, kept.T_j_i, kept.information).T_world_cam
 
 
 def main() -> None:
     options = arguments(__doc__, seed=0)
     sequence, settings = open_sequence(options.sequence), load_settings(overrides=("refine=none",))
     run = register(sequence, settings, Store(default_folder()), Workers(), options.seed)
-    edges = [e for e in (judge(edge, settings.verification) for edge in run.edges) if e.verdict == VERIFIED]
-    scans = np.flatnonzero(components(len(sequence.frames), pairs_of(edges)) == 0).tolist()
-    place = {scan: k for k, scan in enumerate(scans)}
-    edges = [replace(e, i=place[e.i], j=place[e.j]) for e in edges if e.i in place]
-    count, pairs = len(scans), pairs_of(edges)
-    T_j_i = np.array([e.T_j_i for e in edges])
+    judged = judged_by_inliers(run.edges, settings.verification)
+    component = components(len(sequence.frames), judged.pairs[judged.verified])
+    scans, edges = np.flatnonzero(component == 0), judged.subset(judged.verified & (component[judged.i] == 0))
+    edges = replace(edges, i=np.searchsorted(scans, edges.i), j=np.searchsorted(scans, edges.j))
+    count, pairs, T_j_i, inliers = len(scans), edges.pairs, edges.T_j_i, edges.inlier_count
     view = ViewGraph(np.tile(np.eye(4), (count, 1, 1)), pairs, T_j_i, np.zeros(len(edges), bool))
-    inliers = np.array([e.inlier_count for e in edges], float)
 
     def turned(R: Floats) -> Floats:
         return se3.pose(R, np.zeros(3))
 
     methods: dict[str, tuple[bool, Callable[[], Floats]]] = {
-        "miniloop, averaging": (True, lambda: average(edges, count, settings.averaging)[0].T_world_cam),
+        "miniloop, averaging": (True, lambda: average_verified(edges, count, settings.averaging)[0].T_world_cam),
         "miniloop, averaging and pose graph": (True, lambda: miniloop_pose_graph(edges, count, settings.averaging)),
         "gtsam, LM with Cauchy's loss": (True, lambda: gtsam_poses(edges, count, graduated=False)),
         "gtsam, graduated non-convexity": (True, lambda: gtsam_poses(edges, count, graduated=True)),

@@ -18,7 +18,7 @@ Factor = tuple[Ints, Ints, Ints, Floats, Floats]
 """`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (positions in `order`), `value`; `D` (n,)."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _take(v: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
     """Scan v out of its bucket."""
     if before[v] >= 0:
@@ -29,7 +29,7 @@ def _take(v: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
         before[after[v]] = before[v]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
     """Scan v in front of bucket `degree`."""
     bucket[v] = degree
@@ -39,7 +39,7 @@ def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: In
     first[degree] = v
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Factor:
     """Approximate L D L' of the Laplacian with positive `weights`, scans of few edges first; D = 0 for the last one.
 
@@ -149,7 +149,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     return order, start, row[:total], entry[:total], D
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats, y: Floats) -> None:
     """z = inverse of L D L' times r, both (n, 3), up to a constant; `y` (n, 3) is room to work in."""
     n = len(order)

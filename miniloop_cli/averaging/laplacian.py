@@ -51,7 +51,7 @@ class Differences:
         weights = np.maximum(weights, weights.max(initial=0.0) / WEIGHT_RANGE)
         wd = weights * d.T
         b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
-        degree = np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count)
+        degree = np.asarray(np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count), float)
         x = self._dense(weights, degree, b) if self.count <= DENSE_SCANS else self._cg(weights, degree, b, tolerance)
         return x - x[0]
 
@@ -68,16 +68,23 @@ class Differences:
 
     def _cg(self, weights: Floats, degree: Floats, b: Floats, tolerance: float) -> Floats:
         """Preconditioned by the factor of earlier weights as long as that does, by one of these where it does not."""
-        rows = self.start, self.neighbour, weights[self.edge]
         if self.factor is not None:
-            x, steps = conjugate_gradients(*rows, degree, *self.factor, b, tolerance, STALE_STEPS)
+            x, steps = self._iterated(self.factor, weights, degree, b, tolerance, STALE_STEPS)
             if steps < STALE_STEPS:
                 return x
         self.factor = eliminate(self.count, self.pairs, weights, self.uniform)
-        return conjugate_gradients(*rows, degree, *self.factor, b, tolerance, CG_STEPS)[0]
+        return self._iterated(self.factor, weights, degree, b, tolerance, CG_STEPS)[0]
+
+    def _iterated(
+        self, factor: Factor, weights: Floats, degree: Floats, b: Floats, tolerance: float, most: int
+    ) -> tuple[Floats, int]:
+        """`conjugate_gradients` on this graph."""
+        order, start, row, value, D = factor
+        first, neighbour, weight = self.start, self.neighbour, weights[self.edge]
+        return conjugate_gradients(first, neighbour, weight, degree, order, start, row, value, D, b, tolerance, most)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def conjugate_gradients(
     first: Ints,
     neighbour: Ints,

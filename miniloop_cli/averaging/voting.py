@@ -28,21 +28,21 @@ LOOPS = 12
 """At most so many triangles of an edge are looked at."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def agree(a: Row, b: Row, near: Near) -> bool:
     if abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) < near[0]:
         return False
     return (a[4] - b[4]) ** 2 + (a[5] - b[5]) ** 2 + (a[6] - b[6]) ** 2 <= near[1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def directed(T_j_i: Floats, pairs: Ints, e: int, v: int) -> Row:
     """Edge e from scan v to the other one."""
     a = load(T_j_i, e)
     return a if pairs[e, 0] == v else invert(a)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
     """Weighted mean of the proposals (k, 7) that agree with that of index `best`."""
     total, m = 0.0, np.zeros(7)
@@ -60,7 +60,7 @@ def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
     return m[0] / norm, m[1] / norm, m[2] / norm, m[3] / norm, m[4] / total, m[5] / total, m[6] / total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
     """The free scan that waits longest in the highest level; -1: none."""
     for k in range(LEVELS - 1, -1, -1):
@@ -72,7 +72,7 @@ def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def grow(
     pairs: Ints,
     T_j_i: Floats,
@@ -143,7 +143,7 @@ def grow(
     return T, cluster, order
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def loop_votes(
     pairs: Ints, T_j_i: Floats, trust: Floats, start: Ints, neighbour: Ints, edge: Ints, near: Near
 ) -> Floats:
@@ -172,7 +172,7 @@ def loop_votes(
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def between(T: Floats, pairs: Ints, T_j_i: Floats) -> Floats:
     """Edges (m, 7) between clusters: T_J_I = T_j T_j_i inv(T_i), with T the poses within the clusters."""
     out = np.empty((len(pairs), 7))
@@ -181,14 +181,14 @@ def between(T: Floats, pairs: Ints, T_j_i: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def move(T: Floats, cluster: Ints, T_cluster: Floats) -> None:
     """T <- T_cluster T in place."""
     for v in range(len(T)):
         store(T, v, compose(load(T_cluster, cluster[v]), load(T, v)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def vote_again(
     T: Floats,
     pairs: Ints,
@@ -220,7 +220,7 @@ def vote_again(
                 if agree(new, load(proposal, b), near):
                     support[k] += vote[b]
                     support[b] += vote[k]
-        best = np.argmax(support[:count])
+        best = int(np.argmax(support[:count]))
         if not agree(load(proposal, best), here, near):
             if supported >= support[best]:
                 continue

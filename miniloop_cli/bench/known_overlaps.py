@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from miniloop_cli.bench.overlaps import open_with_truth
 from miniloop_cli.config import Settings
@@ -44,9 +45,9 @@ class Overlaps:
         """Features with depth of each scan, in space."""
         return self.scans.points
 
-    def errors(self, pairs: Sequence[Pair], T_j_i: Floats) -> tuple[Floats, Floats]:
+    def errors(self, pairs: ArrayLike, T_j_i: Floats) -> tuple[Floats, Floats]:
         """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
-        i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+        i, j = np.asarray(pairs, np.int64).reshape(-1, 2).T
         E = se3.inverse(self.T_world_cam[i]) @ self.T_world_cam[j] @ np.reshape(T_j_i, (-1, 4, 4))
         return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
 

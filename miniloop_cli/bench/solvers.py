@@ -5,10 +5,8 @@ The paper's figure of the number of solutions and its table of computation times
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable, Sequence
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +19,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.runtime.progress import track
-from miniloop_cli.solvers.batch import edges_of, match_residuals
+from miniloop_cli.solvers import SOLVERS, load
+from miniloop_cli.solvers.batch import MinimalSolver, edges_of, match_residuals
 from miniloop_cli.typing import Floats
 
 # Truth counts as found if rotation (largest entry) and translation (relative to the cube) agree so well.
@@ -32,30 +31,22 @@ SINGLE_CALLS = 2000
 RANSAC_CALLS, RANSAC_HYPOTHESES = 10, 2000
 
 
-class Entry(NamedTuple):
-    """A solver under test; of the paper: microseconds a call in Matlab, maximum number of solutions."""
+class Paper(NamedTuple):
+    """What the paper says of a solver: microseconds a call in Matlab, maximum number of solutions."""
 
-    upright: bool = False
-    paper_us: float | None = None
-    paper_max_solutions: int | None = None
+    us: float | None = None
+    max_solutions: int | None = None
 
 
-# A solver is its module in miniloop_cli.solvers; to measure another one, name it here.
-SOLVERS: dict[str, Entry] = {
-    "pairwise": Entry(paper_us=39.2, paper_max_solutions=2),
-    "cycle3": Entry(paper_us=119.2, paper_max_solutions=4),
-    "cycle4": Entry(paper_us=3342.2, paper_max_solutions=16),
-    "cycle5": Entry(paper_us=24954.0, paper_max_solutions=32),
-    "planar2": Entry(upright=True, paper_max_solutions=2),
-    "planar3": Entry(upright=True, paper_max_solutions=4),
-    "planar4": Entry(upright=True),
-    # Behind the others: a row's random problems follow from its place.
-    "cycle6": Entry(paper_max_solutions=288),
-    "cycle7": Entry(),
+PAPER = {
+    "pairwise": Paper(39.2, 2),
+    "cycle3": Paper(119.2, 4),
+    "cycle4": Paper(3342.2, 16),
+    "cycle5": Paper(24954.0, 32),
+    "cycle6": Paper(max_solutions=288),
+    "planar2": Paper(max_solutions=2),
+    "planar3": Paper(max_solutions=4),
 }
-
-
-LONG = ("cycle6", "cycle7")
 
 
 def _seconds(call: Callable[[int], object], count: int) -> float:
@@ -73,50 +64,47 @@ def _seconds(call: Callable[[int], object], count: int) -> float:
 
 def solver_row(name: str, problems: int, rng: np.random.Generator) -> Row:
     """Measure one solver of SOLVERS on `problems` exact random cycles in a unit cube."""
-    entry = SOLVERS[name]
-    module = importlib.import_module(f"miniloop_cli.solvers.{'long_cycles.' * (name in LONG)}{name}")
-    p, q, truth = random_problems(rng, module.MATCHES, problems, upright=entry.upright)
-    # Real solutions only: on exact data the real part of a complex pair is no solution.
-    exactly = {"nearly_real": 0.0} if hasattr(module, "solve_within") else {}
-    found, residual, histogram = 0, 0.0, np.zeros(module.MAX_SOLUTIONS + 1, np.int64)
+    paper, upright, solver = PAPER.get(name, Paper()), SOLVERS[name].upright, load(name)
+    p, q, truth = random_problems(rng, solver.matches, problems, upright=upright)
+    found, residual, histogram = 0, 0.0, np.zeros(solver.max_solutions + 1, np.int64)
     for i in range(0, problems, CHUNK):
         part = slice(i, i + CHUNK)
-        T, counts = module.solve_batch(p[part], q[part], **exactly)
+        # Real solutions only: on exact data the real part of a complex pair is no solution.
+        T, counts = solver.solve_batch(p[part], q[part], nearly_real=0.0)
         histogram += np.bincount(counts, minlength=len(histogram))
         error = np.abs(T - truth[part, None, :, :3]).max(axis=(2, 3, 4))
-        error[np.arange(module.MAX_SOLUTIONS) >= counts[:, None]] = np.inf
+        error[np.arange(solver.max_solutions) >= counts[:, None]] = np.inf
         nearest, rows = error.argmin(axis=1), np.arange(len(counts))
         solved = counts > 0
         found += int((error[rows, nearest] < TOLERANCE).sum())
         best = T[rows, nearest][solved]
         distances = match_residuals(
-            se3.pose(best[..., :3], best[..., 3]), p[part][solved], q[part][solved], module.MATCHES
+            se3.pose(best[..., :3], best[..., 3]), p[part][solved], q[part][solved], solver.matches
         )
         residual = max(residual, float(distances.max(initial=0.0)))
     return {
         "solver": name,
-        "matches": "+".join(map(str, module.MATCHES)),
+        "matches": "+".join(map(str, solver.matches)),
         "problems": problems,
         "truth_found_share": found / problems,
         "max_solutions": int(np.flatnonzero(histogram).max(initial=0)),
-        "solutions_bound": module.MAX_SOLUTIONS,
-        "paper_max_solutions": entry.paper_max_solutions,
+        "solutions_bound": solver.max_solutions,
+        "paper_max_solutions": paper.max_solutions,
         "solutions_histogram": {str(k): int(n) for k, n in enumerate(histogram) if n},
         "max_residual": residual,
-        **_timings(module, name, p, q),
-        "ransac_ms": _ransac_ms(len(edges_of(module.MATCHES)), entry.upright),
-        "paper_us": entry.paper_us,
+        **_timings(solver, p, q),
+        "ransac_ms": _ransac_ms(len(edges_of(solver.matches)), upright),
+        "paper_us": paper.us,
     }
 
 
-def _timings(module: ModuleType, name: str, p: Floats, q: Floats) -> dict[str, float]:
+def _timings(solver: MinimalSolver, p: Floats, q: Floats) -> dict[str, float]:
     """Microseconds a call, one thread: amortised in a batch, and of the plain Python entry."""
-    single = getattr(module, name)
-    single(p[0], q[0])
+    solver(p[0], q[0])
     chunks = [(p[i : i + CHUNK], q[i : i + CHUNK]) for i in range(0, len(p), CHUNK)]
-    batch_s = _seconds(lambda i: module.solve_batch(*chunks[i]), len(chunks))
+    batch_s = _seconds(lambda i: solver.solve_batch(*chunks[i]), len(chunks))
     calls = min(SINGLE_CALLS, len(p))
-    single_s = _seconds(lambda i: single(p[i], q[i]), calls)
+    single_s = _seconds(lambda i: solver(p[i], q[i]), calls)
     return {"us_per_call_batch": 1e6 * batch_s / len(p), "us_per_call_single": 1e6 * single_s / calls}
 
 

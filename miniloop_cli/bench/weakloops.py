@@ -26,9 +26,9 @@ from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.presets import load_settings
 from miniloop_cli.ransac.cycle_edges import directed, in_order, sides, weakest_last
 from miniloop_cli.ransac.estimate import estimate
-from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.points import Matches
+from miniloop_cli.solvers import solver_name
 from miniloop_cli.typing import Ints, Pair
 
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
@@ -119,7 +119,7 @@ def solve_loop(
             T = found.edges[k].T
             deg, metres = overlaps.errors([loop.pair], T if edges[k] == loop.pair else se3.inverse(T))
             outcome = (bool(right(deg, metres)[0]), float(deg[0]), float(metres[0]))
-        results[SOLVERS[scans].name] = (*outcome, seconds)
+        results[solver_name(scans)] = (*outcome, seconds)
     return results
 
 

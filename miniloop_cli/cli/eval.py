@@ -67,6 +67,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     help="interpolate: samples at most this far apart are enough too.",
 )
 @click.option("--scale", is_flag=True, help="Align with a free scale (Sim3) instead of a rigid motion.")
+@options.follow_links
 @options.json_file
 @click.option(
     "--plot",
@@ -84,6 +85,7 @@ def evaluate(
     max_diff: float,
     max_gap: float,
     scale: bool,
+    follow_links: bool,
     json_path: str | None,
     plot: Path | None,
     quiet: bool,
@@ -99,7 +101,7 @@ def evaluate(
 
     source = result or newest_result()
     protocol = Protocol("Sim3" if scale else "SE3", association, max_diff, max_gap, convention=convention)
-    evaluation = api.evaluate(source, gt, edges=edges_path, protocol=protocol)
+    evaluation = api.evaluate(source, gt, edges=edges_path, protocol=protocol, follow_links=follow_links)
     if json_path != "-":
         click.echo(table(evaluation.numbers, str(source), protocol.describe()))
     if json_path:

@@ -55,6 +55,7 @@ camera = click.option(
 )
 @recording
 @options.layout
+@options.follow_links
 @camera
 @options.quiet
 def export(
@@ -63,6 +64,7 @@ def export(
     output: Path | None,
     sequence: Path | None,
     layout: str | None,
+    follow_links: bool,
     camera: Path | None,
     quiet: bool,
 ) -> None:
@@ -73,7 +75,7 @@ def export(
     """
     import importlib
 
-    model = open_model(result, sequence, layout, camera)
+    model = open_model(result, sequence, layout, camera, follow_links)
     for name in formats:
         module, function = FORMATS[name][0].split(":")
         write = getattr(importlib.import_module(f"miniloop_cli.export.{module}"), function)
@@ -83,7 +85,9 @@ def export(
                 click.echo(path)
 
 
-def open_model(result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None) -> Model:
+def open_model(
+    result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None, follow_links: bool = False
+) -> Model:
     """The results folder, the newest by default, with the recording: the given one, else where the run found it.
 
     The camera is that of the run, unless another one is given.
@@ -97,11 +101,12 @@ def open_model(result: Path | None, sequence: Path | None, layout: str | None, c
     if camera is None and results.camera:
         camera = results.root / "camera.yaml"
     if sequence:
-        return Model(results, open_sequence(sequence, layout=layout, camera_path=camera))
+        return Model(results, open_sequence(sequence, layout, camera, follow_links=follow_links))
     recorded = results.summary.get("recording")
     if not recorded:
         return Model(results)
     try:
-        return Model(results, open_sequence(recorded, layout or results.summary.get("layout"), camera))
+        layout = layout or results.summary.get("layout")
+        return Model(results, open_sequence(recorded, layout, camera, follow_links=follow_links))
     except (MiniloopError, TypeError) as error:  # moved since, or damaged: a format that needs it asks for it
         return Model(results, problem=str(error))

@@ -20,11 +20,18 @@ if TYPE_CHECKING:
     "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
 )
 @click.option("--layout", metavar="NAME", help="Layout of SEQ, if looking at the folder is not enough.")
+@options.follow_links
 @options.json_file
 @options.seed
 @options.quiet
 def inspect(
-    sequence: Path, camera: Path | None, layout: str | None, json_path: str | None, seed: int, quiet: bool
+    sequence: Path,
+    camera: Path | None,
+    layout: str | None,
+    follow_links: bool,
+    json_path: str | None,
+    seed: int,
+    quiet: bool,
 ) -> None:
     """Look at a recording before any run: what was found, what looks wrong, and what to do about it.
 
@@ -40,7 +47,7 @@ def inspect(
     from miniloop_cli.inspection.inspect import inspect as run
     from miniloop_cli.inspection.text import describe
 
-    result = run(open_sequence(sequence, layout, camera), np.random.default_rng(seed))
+    result = run(open_sequence(sequence, layout, camera, follow_links=follow_links), np.random.default_rng(seed))
     if json_path:
         options.write_json(json_path, result.as_json())
     wrong = [finding for finding in result.findings if finding.level != "note"]

@@ -17,6 +17,7 @@ from miniloop_cli.cli.main import CONTEXT
 )
 @recording
 @options.layout
+@options.follow_links
 @camera
 @options.output_dir("DIR")
 @click.option("--voxel", type=click.FloatRange(0.001, 1), default=0.01, show_default=True, metavar="METRES",
@@ -32,6 +33,7 @@ def mesh(
     result: Path | None,
     sequence: Path | None,
     layout: str | None,
+    follow_links: bool,
     camera: Path | None,
     output: Path | None,
     voxel: float,
@@ -48,7 +50,7 @@ def mesh(
     from miniloop_cli.export.mesh import fuse
     from miniloop_cli.results.ply import write_ply
 
-    model = open_model(result, sequence, layout, camera)
+    model = open_model(result, sequence, layout, camera, follow_links)
     surface = fuse(model, voxel, max_depth, memory, min_weight, quiet)
     target = output or model.results.root
     write_ply(target / "mesh.ply", surface.vertices, surface.colors, surface.triangles)

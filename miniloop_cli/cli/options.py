@@ -80,6 +80,9 @@ layout = click.option(
     shell_complete=complete("complete_layout"),
     help="Layout of SEQ, if looking at the folder is not enough.",
 )
+follow_links = click.option(
+    "--follow-links", is_flag=True, help="Read images also behind symbolic links that lead out of the recording."
+)
 json_file = click.option("--json", "json_path", metavar="FILE|-", help="Write JSON to FILE, or to stdout with '-'.")
 
 

@@ -44,7 +44,7 @@ MOST_REASONS = 8  # that the summary shows
     "--gravity",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Accelerometer readings (timestamp ax ay az): the known vertical confirms weak edges.",
+    help="Accelerometer readings (timestamp ax ay az): they confirm weak edges and level the model, z up.",
 )
 @click.option(
     "--pose-prior",
@@ -54,6 +54,7 @@ MOST_REASONS = 8  # that the summary shows
 )
 @click.option("--init", type=click.Path(path_type=Path), hidden=True, help="Name of --pose-prior in release 0.1.")
 @options.layout
+@options.follow_links
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 @options.overrides
 @click.option("--fresh", is_flag=True, help="Make everything again; by default finished work is taken up.")
@@ -86,6 +87,7 @@ def register(
     pose_prior: Path | None,
     init: Path | None,
     layout: str | None,
+    follow_links: bool,
     max_frames: int | None,
     overrides: tuple[str, ...],
     fresh: bool,
@@ -126,6 +128,7 @@ def register(
         settings=config,
         overrides=overrides,
         layout=layout,
+        follow_links=follow_links,
         camera=camera,
         gravity=gravity,
         pose_prior=pose_prior or init,
@@ -155,7 +158,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
     """What was found, as a table that fits 80 columns; the verdict last."""
     import numpy as np
 
-    from miniloop_cli.results.assessment import runs
+    from miniloop_cli.results.facts import runs
     from miniloop_cli.results.tables import frame_status
 
     seconds = numbers["timings_s"]

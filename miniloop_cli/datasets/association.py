@@ -1,14 +1,13 @@
-"""Stamped tables (`timestamp filename`) and the one-to-one association of two of them."""
+"""Stamps in seconds, and the one-to-one association of two lists of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.paths import inside, list_images, read_lines, shown
+from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import InputError
 from miniloop_cli.typing import Floats, Ints
 
@@ -28,35 +27,6 @@ def parse_stamp(text: str, where: str) -> float:
     if abs(stamp) > MAX_STAMP_S:
         raise InputError(f"{where}: the timestamp {text[:40]} is too large for seconds; nanoseconds? divide by 1e9")
     return stamp
-
-
-def read_table(root: Path, name: str) -> list[tuple[float, Path]]:
-    """The rows `timestamp filename` of a table in `root`, sorted by time, the first of equal stamps kept.
-
-    Raises InputError naming file and line for a malformed row or one that points outside `root`.
-    """
-    rows: dict[float, Path] = {}
-    path = shown(root / name)
-    for number, line in read_lines(root / name):
-        where = f"{path}:{number}"
-        parts = line.split(maxsplit=1)
-        if len(parts) != 2:
-            raise InputError(f"{where}: expected 'timestamp filename', found '{shown(line[:40])}'")
-        stamp = parse_stamp(parts[0], where)
-        if stamp not in rows:
-            rows[stamp] = inside(root, parts[1], where)
-    return sorted(rows.items())
-
-
-def stamped_images(root: Path, folder: str) -> list[tuple[float, Path]]:
-    """The images of a folder whose file names are numbers, sorted by that number; others are left out."""
-    rows: dict[float, Path] = {}
-    for path in list_images(root, folder):
-        try:
-            rows.setdefault(parse_stamp(path.stem, ""), path)
-        except InputError:
-            continue
-    return sorted(rows.items())
 
 
 def associate(

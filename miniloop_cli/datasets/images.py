@@ -5,35 +5,47 @@ from __future__ import annotations
 import io
 import os
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ImageOps
+from PIL.BmpImagePlugin import BmpImageFile
 from PIL.ImageFile import ImageFile as Decoder
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
+from PIL.WebPImagePlugin import WebPImageFile
 
 from miniloop_cli.datasets.paths import open_file, read_bytes
+from miniloop_cli.datasets.raw_images import raw_format
 from miniloop_cli.errors import InputError, out_of_memory
 from miniloop_cli.runtime.artifact_store import file_fingerprint
 from miniloop_cli.scene.image_source import ImageHeader
 
 MAX_PIXELS = 40_000_000
 MAX_IMAGE_BYTES = 256 << 20
-# How each format begins and how it ends: decoders overlook that the last bytes are missing.
+# How each format begins and how it ends: decoders overlook that the last bytes are missing. WebP states its length.
 FORMATS: dict[bytes, tuple[type[Decoder], bytes]] = {
     b"\x89PNG\r\n\x1a\n": (PngImageFile, b"IEND\xaeB`\x82"),
     b"\xff\xd8\xff": (JpegImageFile, b"\xff\xd9"),
+    b"RIFF": (WebPImageFile, b""),
+    b"BM": (BmpImageFile, b""),
 }
+KNOWN = "PNG, JPEG, WebP, TIFF, BMP, PPM or PGM, or NPY"
+START = 16  # bytes that tell a format
+ORIENTATION = 0x0112  # EXIF: 1 as stored; 5 to 8 turned by 90 degrees
 
 
 @dataclass(frozen=True)
 class ImageFile:
-    """The image source of an ordinary PNG or JPEG file."""
+    """The image source of an ordinary image file; `upright`: turned as its EXIF orientation says."""
 
     path: Path
+    upright: bool = False
 
     @property
     def name(self) -> str:
@@ -41,36 +53,59 @@ class ImageFile:
 
     def header(self) -> ImageHeader:
         with open_file(self.path, MAX_IMAGE_BYTES) as file:
-            return read_header(file)
+            header = read_header(file)
+            if self.upright and read_orientation(file) >= 5:
+                return replace(header, width=header.height, height=header.width)
+            return header
 
     def read(self) -> NDArray[Any]:
-        return decode(read_bytes(self.path, MAX_IMAGE_BYTES))
+        return decode(read_bytes(self.path, MAX_IMAGE_BYTES), self.upright)
 
     def fingerprint(self) -> str:
-        return file_fingerprint(self.path)
+        return file_fingerprint(self.path) + ("u" if self.upright else "")
 
 
 def read_header(file: BinaryIO) -> ImageHeader:
     """Kind and size of an encoded image, undecoded. Raises InputError (reason only) where it has none, or too large."""
+    start = file.read(START)
+    file.seek(0)
+    if raw := raw_format(start):
+        with _damage(raw.name):
+            return _of_allowed_size(raw.header(file))
     return _header(_open(file)[0])
 
 
-def decode(data: bytes) -> NDArray[Any]:
-    """The pixels of a PNG or JPEG file: (h, w) uint16 of one channel of 16 bits, (h, w) uint8 of grey, else RGB.
+def read_orientation(file: BinaryIO) -> int:
+    """The EXIF orientation of an encoded image: 1 (as stored) to 8; 1 where there is none."""
+    file.seek(0)
+    try:
+        found = _open(file)[0].getexif().get(ORIENTATION, 1)
+    except Exception as error:
+        if out_of_memory(error):
+            raise
+        return 1
+    return found if isinstance(found, int) and 1 <= found <= 8 else 1
 
-    An EXIF orientation is left alone, as depth has none. Raises InputError (reason only) for data that are damaged,
-    truncated or too large; the size is checked before anything is decoded.
+
+def decode(data: bytes, upright: bool = False) -> NDArray[Any]:
+    """The pixels of an image file as stored: RGB, or (h, w) of one channel, of uint8, uint16 or float32.
+
+    The EXIF orientation is applied only if `upright`, as depth has none. Raises InputError (reason only) for data
+    that are damaged, truncated or too large; the size is checked before anything is decoded.
     """
+    if raw := raw_format(data[:START]):
+        with _damage(raw.name):
+            _of_allowed_size(raw.header(io.BytesIO(data)))
+            return raw.decode(data)
     image, end = _open(io.BytesIO(data))
     _header(image)
-    if end not in data:
+    if end not in data or (data.startswith(b"RIFF") and len(data) < 8 + int.from_bytes(data[4:8], "little")):
         raise InputError(f"truncated {image.format}")
     try:
         _open(io.BytesIO(data))[0].verify()  # checksums, which decoding leaves out
-        if image.mode in ("I;16", "L"):
-            return np.array(image)
         image.info.pop("transparency", None)  # what is transparent has a colour too; Pillow would warn about it
-        return np.array(image.convert("RGB"))
+        plain = image if image.mode in ("I;16", "L") else image.convert("RGB")
+        return np.array(ImageOps.exif_transpose(plain) if upright else plain)
     except Exception as error:  # what a decoder makes of damaged data is not ours to foresee
         if out_of_memory(error):
             raise
@@ -78,11 +113,11 @@ def decode(data: bytes) -> NDArray[Any]:
 
 
 def _open(file: BinaryIO) -> tuple[Decoder, bytes]:
-    start = file.read(max(map(len, FORMATS)))
+    start = file.read(START)
     file.seek(0)
     kind, end = next((FORMATS[magic] for magic in FORMATS if start.startswith(magic)), (None, b""))
     if kind is None:
-        raise InputError("empty file" if not start else "neither PNG nor JPEG")
+        raise InputError("empty file" if not start else f"not {KNOWN}")
     try:
         return kind(file), end
     except Exception as error:
@@ -91,12 +126,31 @@ def _open(file: BinaryIO) -> tuple[Decoder, bytes]:
         raise InputError(f"a truncated or damaged {kind.format}, or one without pixels") from error
 
 
+@contextmanager
+def _damage(kind: str) -> Iterator[None]:
+    """Whatever a reader makes of damaged data is an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if out_of_memory(error):
+            raise
+        raise InputError(f"truncated or damaged {kind}, it cannot be read") from error
+
+
+def _of_allowed_size(header: ImageHeader) -> ImageHeader:
+    if header.width * header.height > MAX_PIXELS:
+        limit = f"{MAX_PIXELS // 10**6} megapixels"
+        raise InputError(f"{header.width} x {header.height} pixels are more than the {limit} allowed")
+    if header.width < 1 or header.height < 1:
+        raise InputError(f"a {header.kind} without pixels")
+    return header
+
+
 def _header(image: Decoder) -> ImageHeader:
     width, height = image.size
-    if width * height > MAX_PIXELS:
-        limit = f"{MAX_PIXELS // 10**6} megapixels"
-        raise InputError(f"{width} x {height} pixels are more than the {limit} allowed")
     # The raw mode of a decoder tells how wide a channel is stored: "RGB", "L;4", "I;16B".
     raw = str(image.tile[0].args) if image.tile else ""
     bits = 1 if image.mode == "1" else int(found[1]) if (found := re.search(r";(\d+)", raw)) else 8
-    return ImageHeader(width, height, bits, len(image.getbands()), image.format or "image")
+    return _of_allowed_size(ImageHeader(width, height, bits, len(image.getbands()), image.format or "image"))

@@ -1,22 +1,23 @@
-"""Which camera a recording was made with: a file, the sequence's family, or TUM's default; and saying so."""
+"""Cameras by their values, checked: those of TUM's families, its default, and what our own camera.yaml holds."""
 
 from __future__ import annotations
 
 import difflib
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from miniloop_cli.datasets.paths import read_bytes, shown
-from miniloop_cli.errors import ConfigError, InputError
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import COEFFICIENTS, Lens, fisheye_lens, radial_tangential_lens
 from miniloop_cli.runtime.atomic_files import atomic_write
-from miniloop_cli.runtime.safe_yaml import load_plain
 
-MAX_CAMERA_BYTES = 64 << 10
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
-DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+DISTORTION = COEFFICIENTS["radial-tangential"]  # those of a fisheye are among them
+KEYS = (*REQUIRED, *DISTORTION, "lens")
 
 # Colour cameras of the TUM RGB-D benchmark (Sturm et al., IROS 2012): fx fy cx cy, then k1 k2 p1 p2 k3.
 FREIBURG = {
@@ -37,7 +38,7 @@ def freiburg_camera(family: str, where: str) -> Camera:
     """The calibrated colour camera of a TUM family; `where` is what named it."""
     fx, fy, cx, cy, distortion = FREIBURG[family]
     source = f"calibration of TUM's freiburg{family}, named by {where}"
-    return Camera(fx, fy, cx, cy, 640, 480, 5000.0, distortion, source=source)
+    return Camera(fx, fy, cx, cy, 640, 480, 5000.0, radial_tangential_lens(*distortion), source=source)
 
 
 def default_camera() -> Camera:
@@ -48,21 +49,47 @@ def default_camera() -> Camera:
 
 def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
     """A camera from the keys of a camera file; raises ConfigError naming `where` and the key."""
-    for key in values:
-        if key not in (*REQUIRED, *DISTORTION):
-            near = difflib.get_close_matches(str(key)[:40], (*REQUIRED, *DISTORTION), n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join((*REQUIRED, *DISTORTION))}"
-            raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")
+    require_known(values, KEYS, where)
     if missing := [key for key in REQUIRED if key not in values]:
         raise ConfigError(f"{where}: {', '.join(missing)} missing; a camera file needs {', '.join(REQUIRED)}")
     for key, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value):
+        if key != "lens" and (isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value)):
             raise ConfigError(f"{where}: {key} must be a finite number")
     _check_ranges(values, where)
     fx, fy, cx, cy = (float(values[key]) for key in REQUIRED[:4])
-    k1, k2, p1, p2, k3 = (float(values.get(key, 0.0)) for key in DISTORTION)
     width, height, scale = int(values["width"]), int(values["height"]), float(values["depth_scale"])
-    return Camera(fx, fy, cx, cy, width, height, scale, (k1, k2, p1, p2, k3), source=source)
+    camera = Camera(fx, fy, cx, cy, width, height, scale, _lens(values, where), source=source)
+    if fault := camera.lens_fault():
+        raise ConfigError(
+            f"{where}: {fault}; give all its coefficients, calibrate with views that fill the image, or undistort first"
+        )
+    return camera
+
+
+def require_known(values: Iterable[Any], known: Iterable[str], where: str) -> None:
+    """Raise ConfigError for the first key that is not known, naming the nearest that is."""
+    known = list(known)
+    for key in values:
+        if key not in known:
+            spelled = {name.lower(): name for name in reversed(known)}
+            near = difflib.get_close_matches(str(key)[:40].lower(), spelled, n=1)
+            hint = f"did you mean '{spelled[near[0]]}'?" if near else f"known are {', '.join(known)}"
+            raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")
+
+
+def _lens(values: dict[str, Any], where: str) -> Lens:
+    given = {key: float(values[key]) for key in DISTORTION if key in values}
+    model = values.get("lens")
+    if model is None:
+        if "k4" in given and "k5" not in given and "k6" not in given:
+            raise ConfigError(f"{where}: k4 without k5 and k6; add 'lens: fisheye' or 'lens: radial-tangential'")
+        model = "radial-tangential"
+    if model not in COEFFICIENTS:
+        raise ConfigError(f"{where}: lens is one of {', '.join(COEFFICIENTS)}, not '{shown(str(model)[:40])}'")
+    if foreign := [key for key, value in given.items() if value and key not in COEFFICIENTS[model]]:
+        raise ConfigError(f"{where}: a {model} lens has no {foreign[0]}; lens is one of {', '.join(COEFFICIENTS)}")
+    own = [given.get(key, 0.0) for key in COEFFICIENTS[model]]
+    return fisheye_lens(*own) if model == "fisheye" else radial_tangential_lens(*own)
 
 
 def _moderate(value: float) -> bool:
@@ -93,32 +120,19 @@ def _check_ranges(values: dict[str, Any], where: str) -> None:
         raise ConfigError(f"{where}: depth_scale is stored units a metre (TUM 5000, millimetres 1000){hint}")
 
 
-def load_camera(path: Path | str, source: str | None = None) -> Camera:
-    """The camera of a YAML file (docs/recordings.md).
-
-    Raises InputError where the file cannot be read as YAML, ConfigError for unknown, missing or impossible values.
-    """
-    import yaml
-
-    path = Path(path)
-    where = shown(path)
-    try:
-        values = load_plain(read_bytes(path, MAX_CAMERA_BYTES).decode("utf-8-sig"))
-    except yaml.MarkedYAMLError as error:
-        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise InputError(f"{where}{line}: not a YAML file: {error.problem}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{where}: not a YAML file: {error}") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{where}: expected lines like 'fx: 525.0' ({', '.join(REQUIRED)})")
-    return make_camera(values, where, source or f"camera file {where}")
-
-
 def save_camera(path: Path, camera: Camera) -> None:
-    """Write the YAML that `load_camera` reads."""
+    """Write the YAML that `camera_files.read_camera_file` reads."""
     with atomic_write(path) as file:
         for key in REQUIRED:
-            file.write(f"{key}: {getattr(camera, key)}\n")
-        for key, value in zip(DISTORTION, camera.distortion, strict=True):
+            file.write(f"{key}: {_yaml(getattr(camera, key))}\n")
+        if camera.lens.model == "fisheye" or len(camera.lens.coefficients) > 5:
+            file.write(f"lens: {camera.lens.model}\n")
+        for key, value in camera.lens.named.items():
             if value:
-                file.write(f"{key}: {value}\n")
+                file.write(f"{key}: {_yaml(value)}\n")
+
+
+def _yaml(value: float) -> str:
+    """A number that YAML 1.1 takes for one: it needs a point before an exponent."""
+    digits, e, exponent = f"{value}".partition("e")
+    return f"{digits}.0e{exponent}" if e and "." not in digits else f"{value}"

@@ -1,4 +1,4 @@
-"""What layouts without stamps have in common: images, poses and cameras in files named by the frame's number."""
+"""What layouts have in common: images paired by frame number, a given camera, poses and cameras in small files."""
 
 from __future__ import annotations
 
@@ -10,69 +10,66 @@ from typing import Any
 
 import numpy as np
 
-from miniloop_cli.datasets.association import MAX_STAMP_S
-from miniloop_cli.datasets.images import ImageFile
-from miniloop_cli.datasets.intrinsics import load_camera
-from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, list_images, read_bytes, read_lines, shown
+from miniloop_cli.datasets.camera_files import read_camera_file
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import read_bytes, read_lines, shown
+from miniloop_cli.datasets.stream import RATE_HZ, Stream
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
-from miniloop_cli.scene.sequence import Frame, Trajectory
+from miniloop_cli.scene.sequence import Frame, Note, Trajectory
 from miniloop_cli.typing import Floats
 
-RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
 MAX_JSON_BYTES = 64 << 20
 
 
 def frame_number(name: str) -> int | None:
-    """The first number in a file's name ("frame-000012.pose.txt": 12), None without one."""
+    """The first number in a file's name ("frame-000012.pose.txt": 12), None without one; for names that hold one."""
     match = re.search(r"\d{1,18}", name)
     return int(match[0]) if match else None
 
 
-def numbered_files(
-    root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES, rate_hz: float = RATE_HZ
-) -> dict[int, Path]:
-    """Files of a sub-folder by frame number; the first by name of those with the same number, others left out."""
-    files: dict[int, Path] = {}
-    for path in list_images(root, folder, suffixes):
-        number = frame_number(path.name)
-        if number is not None and number / rate_hz <= MAX_STAMP_S:
-            files.setdefault(number, path)
-    return files
-
-
-def numbered_images(
-    root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES, rate_hz: float = RATE_HZ
-) -> dict[int, ImageFile]:
-    """The image files of a sub-folder by frame number, as `numbered_files`."""
-    return {number: ImageFile(path) for number, path in numbered_files(root, folder, suffixes, rate_hz).items()}
-
-
 def pair_by_number(
     root: Path, color: Mapping[int, ImageSource], depth: Mapping[int, ImageSource], rate_hz: float = RATE_HZ
-) -> tuple[tuple[Frame, ...], tuple[str, ...], tuple[int, int]]:
+) -> tuple[tuple[Frame, ...], tuple[Note, ...], tuple[int, int]]:
     """Frames that have both images, with stamps of `rate_hz` frames a second, notes, and how many images there were.
 
     Raises InputError if there are none.
     """
-    numbers = sorted(color.keys() & depth.keys())
-    if not numbers:
-        raise InputError(f"{shown(root)}: no frame number with both colour ({len(color)}) and depth ({len(depth)})")
-    notes = [f"frames have no stamps here: frame number / {rate_hz:g} s is used"]
-    if len(numbers) < len(color.keys() | depth.keys()):
-        notes.append(f"{len(numbers)} pairs from {len(color)} colour and {len(depth)} depth images")
-    frames = tuple(Frame(n / rate_hz, color[n], depth[n]) for n in numbers)
-    return frames, tuple(notes), (len(color), len(depth))
+    found = pair(root, _counted("colour", color), _counted("depth", depth), rate_hz=rate_hz)
+    return found.frames, found.notes, found.available
 
 
-def given_camera(root: Path, camera_path: Path | None) -> Camera | None:
-    """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout."""
-    if camera_path:
-        return load_camera(camera_path)
-    if (root / "camera.yaml").exists():
-        return load_camera(root / "camera.yaml", "the sequence's own camera.yaml")
+def _counted(what: str, images: Mapping[int, ImageSource]) -> Stream:
+    order = sorted(images)
+    sources = tuple(images[k] for k in order)
+    return Stream(what, sources, tuple(source.name for source in sources), np.array(order, np.int64))
+
+
+def given_camera(
+    root: Path, camera_path: Path | None, frames: tuple[Frame, ...], depth_scale: float = 1000.0
+) -> Camera | None:
+    """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout.
+
+    `frames` tell the images' size, by which a file with several cameras is read; `depth_scale` (units a metre) is the
+    layout's, for files of other tools that state none.
+    """
+    path = camera_path or root / "camera.yaml"
+    if camera_path is None and not path.exists():
+        return None
+    source = None if camera_path else "the sequence's own camera.yaml"
+    return read_camera_file(path, source, color_size(frames), depth_scale)
+
+
+def color_size(frames: tuple[Frame, ...]) -> tuple[int, int] | None:
+    """Width and height (px) of the first colour image that can be read, of the first twenty; None if none can."""
+    for frame in frames[:20]:
+        try:
+            header = frame.color.header()
+        except InputError:
+            continue
+        return header.width, header.height
     return None
 
 

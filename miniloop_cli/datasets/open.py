@@ -1,20 +1,24 @@
-"""Opening a recording: which layout it has, its frames, its camera; nothing is decoded but a few headers."""
+"""Opening a recording: which layout it has, its frames, its camera, what its depth means."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets.depth_values import understand_depth
+from miniloop_cli.datasets.foreign import what_it_is
 from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.layout import Layout
-from miniloop_cli.datasets.paths import inside, shown
+from miniloop_cli.datasets.paths import require_inside, shown, within
 from miniloop_cli.datasets.read import require_color_size
 from miniloop_cli.datasets.registry import BUILT_IN, find_layout, known_layouts, load_layouts
+from miniloop_cli.datasets.upright import with_upright_colour
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.sequence import Note, NoteKind, Sequence
 
 LOG = logging.getLogger("miniloop")
 LOOKED_INTO = 20  # sub-folders in which a recording is looked for, to name it
@@ -25,11 +29,14 @@ def open_sequence(
     layout: str | None = None,
     camera_path: Path | str | None = None,
     max_frames: int | None = None,
+    follow_links: bool = False,
 ) -> Sequence:
     """Open a recording; its layout is found by looking at the folder (or file) unless `layout` names it.
 
     `camera_path` is a YAML camera file that overrules what the recording says; with `max_frames` only so many
-    evenly spaced frames are kept. Nothing is decoded but the headers of a few images, to check their size.
+    evenly spaced frames are kept. Images behind symbolic links that lead out of the folder are refused unless
+    `follow_links`. Decoded are the headers of a few images, to check their size, and a few depth images, to tell
+    their unit and which values mean "no reading".
 
     Raises InputError (or ConfigError for the camera file) that says what is missing and what to do.
     """
@@ -40,8 +47,12 @@ def open_sequence(
         raise InputError(_why_unknown(root, children))
     sequence = find_layout(name).open(root, Path(camera_path) if camera_path else None)
     sequence = replace(sequence, layout=name)
-    _check_size(sequence)
     sequence = _with_masks(sequence)
+    if not follow_links:
+        require_inside(root, _files(sequence))
+    sequence = with_upright_colour(sequence)
+    _check_size(sequence)
+    sequence = understand_depth(sequence)
     if max_frames is not None and max_frames < len(sequence.frames):
         keep = np.round(np.linspace(0, len(sequence.frames) - 1, max(max_frames, 1))).astype(int)
         # Images that were left out on purpose are not images without partner.
@@ -68,6 +79,8 @@ def recognise(root: Path) -> str | None:
 
 
 def _why_unknown(root: Path, children: list[Path]) -> str:
+    if said := what_it_is(root, children):
+        return said
     if not root.is_dir():
         return f"{shown(root)} is not a folder, and no layout known here reads such a file"
     if not children:
@@ -115,8 +128,17 @@ def _with_masks(sequence: Sequence) -> Sequence:
     frames, found = [], 0
     for frame in sequence.frames:
         name = Path(frame.color.name)
-        path = inside(sequence.root, f"mask/{name.stem}.png", f"the mask of {shown(name)}")
+        path = within(sequence.root, f"mask/{name.stem}.png", f"the mask of {shown(name)}")
         found += path.exists()
         frames.append(replace(frame, mask=ImageFile(path)) if path.exists() else frame)
-    notes = (*sequence.notes, f"masks for {found} of {len(frames)} frames: their pixels are ignored")
-    return replace(sequence, frames=tuple(frames), notes=notes)
+    text = f"masks for {found} of {len(frames)} frames: their pixels are ignored"
+    kind = NoteKind.PAIRED if found == len(frames) else NoteKind.DROPPED
+    return replace(sequence, frames=tuple(frames), notes=(*sequence.notes, Note(kind, text)))
+
+
+def _files(sequence: Sequence) -> Iterator[Path]:
+    """The image files of all frames."""
+    for frame in sequence.frames:
+        for source in (frame.color, frame.depth, frame.mask):
+            if isinstance(source, ImageFile):
+                yield source.path

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -11,7 +12,10 @@ from typing import BinaryIO
 from miniloop_cli.errors import InputError, printable
 
 MAX_TABLE_BYTES = 64 << 20  # an hour of motion capture at 100 Hz is 25 MB
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".bmp")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".pgm", ".pnm", ".npy", ".npz")
+LINE_END = re.compile(r"\r\n|\r|\n")
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def shown(path: Path | str) -> str:
@@ -47,38 +51,61 @@ def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES) -> bytes:
 def read_lines(path: Path) -> list[tuple[int, str]]:
     """(line number, text) of every line of a text file that is not empty and not a comment (#).
 
-    Bytes that are not UTF-8 survive as surrogates, so that file names of any encoding still open.
+    UTF-16 is told by its first two bytes. Bytes that are not UTF-8 survive as surrogates, so that file names of any
+    encoding still open.
     """
-    text = read_bytes(path).decode("utf-8-sig", "surrogateescape")
-    lines = ((number, line.strip()) for number, line in enumerate(text.split("\n"), 1))
+    data = read_bytes(path)
+    if data.startswith(UTF_16):
+        text = data.decode("utf-16", "replace")
+    else:
+        text = data.decode("utf-8-sig", "surrogateescape")
+    lines = ((number, line.strip()) for number, line in enumerate(LINE_END.split(text), 1))
     return [(number, line) for number, line in lines if line and not line.startswith("#")]
 
 
-def inside(root: Path, name: str, where: str) -> Path:
-    """The path of `name` within `root`, which must stay there, also after following symbolic links.
+def within(root: Path, name: str, where: str) -> Path:
+    """The path of `name` below `root`, by its letters alone: links are not followed, and no file need be there.
 
-    Raises InputError naming `where` (file and line) otherwise. The file itself need not exist.
+    Raises InputError naming `where` (file and line) for a name that leads out of it.
     """
+    base = os.path.normpath(root)
     try:
-        path = root / name
-        base = os.path.realpath(root)
-        if os.path.commonpath((base, os.path.realpath(path))) != base:
+        path = os.path.normpath(os.path.join(base, name))  # noqa: PTH118 (Path keeps "..", this takes them out)
+        if os.path.commonpath((base, path)) != base:
             raise InputError(
                 f"{where} points outside the sequence: {shown(name)}; copy the files into {shown(root)} instead"
             )
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        os.lstat(path)
+    except FileNotFoundError:
+        pass  # it need not be there
+    except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise InputError(f"{where} names an impossible file: {shown(name)} ({error})") from error
-    return path
+    return Path(path)
 
 
-def list_images(root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES) -> list[Path]:
-    """The images of a sub-folder of `root`, sorted by name; hidden files left out.
+def require_inside(root: Path, paths: Iterable[Path]) -> None:
+    """Raises InputError for the first of the files below `root` that a symbolic link puts outside of it."""
+    base = os.path.realpath(root)
+    real: dict[Path, str] = {}  # of the folders, which are few
+    for path in paths:
+        folder = real.setdefault(path.parent, os.path.realpath(path.parent))
+        target = os.path.realpath(path) if path.is_symlink() else folder
+        if os.path.commonpath((base, target)) != base:
+            raise InputError(
+                f"{shown(path)} points outside the sequence, to {shown(target)}; allow it with --follow-links, or "
+                f"copy the files into {shown(root)}"
+            )
 
-    Raises InputError where the folder or one of its files is a link that leads outside.
+
+def list_files(root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES) -> tuple[list[Path], list[Path]]:
+    """The files of a sub-folder of `root` that end in one of `suffixes`, and the others, sorted; hidden ones left out.
+
+    Raises InputError where the folder cannot be listed.
     """
-    where = inside(root, folder, f"the folder {shown(folder)}")
+    where = root / folder
     try:
-        names = sorted(e.name for e in os.scandir(where) if e.name.lower().endswith(suffixes) and e.name[0] != ".")
+        names = sorted(e.name for e in os.scandir(where) if e.name[0] != "." and not e.is_dir())
     except OSError as error:
         raise InputError(f"cannot list {shown(where)}: {error.strerror or error}") from error
-    return [inside(root, f"{folder}/{name}", f"{shown(where)}/{shown(name)}") for name in names]
+    fitting = {name for name in names if name.lower().endswith(suffixes)}
+    return [where / name for name in names if name in fitting], [where / n for n in names if n not in fitting]

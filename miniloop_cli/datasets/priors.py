@@ -12,7 +12,7 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.priors import Accelerometer, Priors
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bools
 
@@ -25,17 +25,18 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
     Raises InputError naming file and line for what cannot be read, and for files of another time.
     """
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
-    up = T = None
+    accelerometer = T = None
     if gravity is not None:
-        up = verticals(*read_accelerometer(gravity), stamps)
-        _require(np.asarray(np.isfinite(up).all(axis=1)), gravity, "readings")
+        read_s, readings = read_accelerometer(gravity)
+        accelerometer = Accelerometer(read_s, readings, verticals(read_s, readings, stamps), shown(Path(gravity)))
+        _require(np.all(np.isfinite(accelerometer.up), axis=1), gravity, "readings")
     if poses is not None:
         rough = read_trajectory(poses, stamps, lambda: {"frames of the recording": stamps})
         LOG.info("pose prior: %s", rough.source)
         T, near = associate(stamps, rough)
         T = np.where(near[:, None, None], T, np.nan)
         _require(near, poses, "poses")
-    return Priors(up, T)
+    return Priors(accelerometer, T)
 
 
 def _require(known: Bools, path: Path | str, what: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.own_cameras import to_common
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
@@ -17,8 +18,8 @@ from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
 
 Shape = tuple[int, ...]
-DEPTH_TYPE = (16, 1)  # bits, channels
-DEPTH_MUST_BE = "depth must be a 16-bit 1-channel PNG"
+DEPTH_MUST_BE = "depth must have one channel of 16 bits"
+FLOATING_MUST_BE = "depth must have one channel of 32-bit float, as the other frames have"
 MAX_ASPECT_DIFFERENCE = 0.02  # of depth of lower resolution against colour
 
 
@@ -30,12 +31,15 @@ def read_color(source: ImageSource) -> Bytes:
     return np.repeat(stored[..., None], 3, axis=2) if stored.ndim == 2 else stored
 
 
-def read_depth(source: ImageSource) -> NDArray[np.uint16]:
-    """(h, w) uint16 as stored. Raises InputError (reason only) for anything but one channel of 16 bits."""
+def read_depth(source: ImageSource, floating: bool = False) -> NDArray[Any]:
+    """(h, w) uint16 as stored; float32 if `floating`, with 0 for what is not finite or not positive.
+
+    Raises InputError (reason only) for anything else than one channel of that type.
+    """
     stored = source.read()
-    if stored.dtype != np.uint16 or stored.ndim != 2:
-        raise InputError(f"{DEPTH_MUST_BE}, this is a {source.header()}")
-    return stored
+    if stored.dtype != (np.float32 if floating else np.uint16) or stored.ndim != 2:
+        raise InputError(f"{FLOATING_MUST_BE if floating else DEPTH_MUST_BE}, this is a {source.header()}")
+    return np.where(np.isfinite(stored) & (stored > 0), stored, np.float32(0)) if floating else stored
 
 
 def read_mask(source: ImageSource) -> Bools:
@@ -55,7 +59,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         color = read_color(source)
         require_color_size(color.shape, sequence.camera)
         source = frame.depth
-        stored = read_depth(source)
+        stored = read_depth(source, sequence.depth_format.floating)
         if sequence.depth_format.resample:
             stored = _resampled(stored, color.shape)
         else:
@@ -66,11 +70,13 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
             mask = read_mask(source)
             if mask.shape != color.shape[:2]:
                 raise InputError(f"the mask is {_size(mask.shape)}, colour {_size(color.shape)}")
+        if frame.camera:
+            color, stored, mask = _as_common(color, stored, mask, frame.camera, sequence.camera)
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
     depth_m = stored.astype(np.float32) / scale
-    if sequence.depth_format.no_reading is not None:
-        depth_m[stored == sequence.depth_format.no_reading] = 0
+    for value in sequence.depth_format.no_reading:
+        depth_m[stored == np.asarray(value, stored.dtype)] = 0
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)
@@ -84,8 +90,9 @@ def check_headers(sequence: Sequence, index: int) -> None:
     frame = sequence.frames[index]
     color, depth = frame.color.header(), frame.depth.header()
     require_color_size((color.height, color.width), sequence.camera)
-    if (depth.bits, depth.channels) != DEPTH_TYPE:
-        raise InputError(f"{DEPTH_MUST_BE}, this is a {depth}")
+    floating = sequence.depth_format.floating
+    if (depth.bits, depth.channels) != (32 if floating else 16, 1):
+        raise InputError(f"{FLOATING_MUST_BE if floating else DEPTH_MUST_BE}, this is a {depth}")
     if not sequence.depth_format.resample:
         _require_registered((depth.height, depth.width), (color.height, color.width))
 
@@ -102,6 +109,16 @@ def require_color_size(shape: Shape, camera: Camera) -> None:
     """Raises InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
     if shape[:2] != (camera.height, camera.width):
         raise InputError(f"colour is {_size(shape)}, the camera {camera.width} x {camera.height} ({camera.source})")
+
+
+def _as_common(
+    color: Bytes, stored: NDArray[Any], mask: Bools | None, own: Camera, common: Camera
+) -> tuple[Bytes, NDArray[Any], Bools]:
+    """A frame of its own camera as the common one sees it; the mask also hides what only that one would see."""
+    hidden = np.where(mask, np.uint16(1), np.uint16(0)) if mask is not None else np.zeros(stored.shape, np.uint16)
+    _, hidden, _ = to_common(color, hidden, own, common)
+    color, stored, unseen = to_common(color, stored, own, common)
+    return color, stored, (hidden > 0) | unseen
 
 
 def _require_registered(depth: Shape, color: Shape) -> None:

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets import read_scan
 from miniloop_cli.export.model import Model
-from miniloop_cli.export.undistort import undistorter
+from miniloop_cli.export.undistort import undistorter, write_color
 from miniloop_cli.geometry import se3
 from miniloop_cli.results.g2o import pose_rows
 from miniloop_cli.results.ply import read_ply
@@ -49,16 +48,12 @@ def write_colmap(model: Model, folder: Path) -> list[Path]:
 
 
 def write_images(model: Model, folder: Path, names: list[str]) -> None:
-    """Undistorted colour as PNG and depth in COLMAP's own format, one of each a pose."""
-    import cv2
-
+    """Undistorted colour as PNG and the depth that the run used in COLMAP's own format, one of each a pose."""
     sequence = model.recording
     undistort = undistorter(sequence.camera)
     for k, name in track(list(zip(model.recording_rows.tolist(), names, strict=True)), "images"):
-        scan = undistort(read_scan(sequence, k))
-        _, data = cv2.imencode(".png", np.ascontiguousarray(scan.color[..., ::-1]))
-        with atomic_write(folder / "images" / name, "wb") as file:
-            file.write(data.tobytes())
+        scan = undistort(model.scan(k))
+        write_color(folder / "images" / name, scan)
         with atomic_write(folder / "stereo" / "depth_maps" / f"{name}.geometric.bin", "wb") as file:
             file.write(f"{scan.depth_m.shape[1]}&{scan.depth_m.shape[0]}&1&".encode("ascii"))
             file.write(scan.depth_m.astype("<f4").tobytes())

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.config import Depth
+from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
+from miniloop_cli.presets import load_settings
 from miniloop_cli.results.folder import Results
 from miniloop_cli.results.g2o import PoseGraph, read_g2o
 from miniloop_cli.scene.interpolation import nearest
-from miniloop_cli.scene.sequence import Sequence, Trajectory
+from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Floats, Ints
 
 SAME_STAMP_S = 1e-4
@@ -69,6 +72,23 @@ class Model:
         """(n,) index into the recording's frames of each pose, by time stamp."""
         known = np.array([frame.timestamp_s for frame in self.recording.frames])
         return rows_of(known, self.trajectory.timestamps_s, self.recording.root)
+
+    @cached_property
+    def depth_range_m(self) -> tuple[float, float]:
+        """Nearest and farthest depth (m) that the run used; the default without its config.yaml.
+
+        Raises ConfigError where that is damaged.
+        """
+        path = self.results.root / "config.yaml"
+        depth = load_settings(path).depth if self.results.summary and path.is_file() else Depth()
+        return depth.min_m, depth.max_m
+
+    def scan(self, row: int) -> Scan:
+        """Frame `row` of the recording, with depth 0 where the run did not use it. Raises InputError as `read_scan`."""
+        scan = read_scan(self.recording, row)
+        near, far = self.depth_range_m
+        used = (scan.depth_m >= near) & (scan.depth_m <= far)
+        return replace(scan, depth_m=np.where(used, scan.depth_m, np.float32(0)))
 
 
 def rows_of(known_s: Floats, stamps_s: Floats, where: Path) -> Ints:

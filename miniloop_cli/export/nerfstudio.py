@@ -1,21 +1,23 @@
-"""nerfstudio's transforms.json: camera to world with OpenGL axes (x right, y up, z backward), depth paths and scale."""
+"""nerfstudio's transforms.json: camera to world with OpenGL axes (x right, y up, z backward), depth paths and scale.
+
+Its lenses are OpenCV's with k1 k2 k3 p1 p2, and the fisheye; for the rational lens the images are undistorted.
+"""
 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from miniloop_cli.datasets import ImageFile, read_color, read_scan
+from miniloop_cli.datasets import ImageFile, read_color
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
+from miniloop_cli.export.undistort import stored_scale, undistorter, write_color, write_depth, write_png
 from miniloop_cli.geometry.conventions import OPENGL_AXES
-from miniloop_cli.runtime.atomic_files import atomic_write
-from miniloop_cli.scene.sequence import DepthFormat, Sequence
+from miniloop_cli.geometry.lens import PINHOLE, Lens
+from miniloop_cli.scene.sequence import DepthFormat
 
 NOTE = (
     "metres; transform_matrix is camera to world, camera axes x right, y up, z backward; pixel centres at halves; "
@@ -26,37 +28,41 @@ NOTE = (
 def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     """transforms.json, with paths from `folder` to the recording's own images where they are files; cloud.ply."""
     sequence = model.recording
-    camera = sequence.camera
-    k1, k2, p1, p2, k3 = camera.distortion
+    lens = nerfstudio_lens(sequence.camera.lens)
+    camera = sequence.camera if lens else replace(sequence.camera, lens=PINHOLE)
+    undistort = undistorter(sequence.camera)
     start = folder.resolve()
 
     def relative(path: Path) -> str:
         return Path(os.path.relpath(path.resolve(), start)).as_posix()
 
+    def images(k: int) -> tuple[Path, Path]:
+        if lens:
+            return color_path(model, k, folder), depth_path(model, k, folder)
+        scan, name = undistort(model.scan(k)), f"{k:06d}.png"
+        depth = write_depth(folder / "depth" / name, scan, stored_scale(sequence))
+        return write_color(folder / "images" / name, scan), depth
+
+    paths = [images(k) for k in model.recording_rows.tolist()]
     frames = [
         {
-            "file_path": relative(color_path(sequence, k, folder)),
-            "depth_file_path": relative(depth_path(sequence, k, folder)),
+            "file_path": relative(color),
+            "depth_file_path": relative(depth),
             "timestamp": sequence.frames[k].timestamp_s,
             "transform_matrix": (T @ OPENGL_AXES).tolist(),
         }
-        for k, T in zip(model.recording_rows.tolist(), model.trajectory.T_world_cam, strict=True)
+        for k, (color, depth), T in zip(model.recording_rows.tolist(), paths, model.trajectory.T_world_cam, strict=True)
     ]
     data = {
         "note": NOTE,
-        "camera_model": "OPENCV",
+        **(lens or nerfstudio_lens(camera.lens) or {}),
         "fl_x": camera.fx,
         "fl_y": camera.fy,
         "cx": camera.cx + 0.5,
         "cy": camera.cy + 0.5,
         "w": camera.width,
         "h": camera.height,
-        "k1": k1,
-        "k2": k2,
-        "k3": k3,
-        "p1": p1,
-        "p2": p2,
-        "depth_unit_scale_factor": 1 / camera.depth_scale,
+        "depth_unit_scale_factor": 1 / stored_scale(sequence),
     }
     clouds = [path for path in write_clouds(model, folder) if path.name == "cloud.ply"]
     if clouds:
@@ -64,28 +70,28 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
     return [write_json(folder / "transforms.json", data | {"frames": frames}), *clouds]
 
 
-def color_path(sequence: Sequence, k: int, folder: Path) -> Path:
-    """The recording's colour image of frame k where it is a file; else a copy in images/."""
-    source = sequence.frames[k].color
-    if isinstance(source, ImageFile):
-        return source.path
-    return write_png(folder / "images" / f"{k:06d}.png", read_color(source)[..., ::-1])
+def nerfstudio_lens(lens: Lens) -> dict[str, Any] | None:
+    """The camera model and its coefficients; None for a lens that the format cannot express."""
+    if lens.model == "fisheye":
+        return {"camera_model": "OPENCV_FISHEYE"} | lens.named
+    values = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0) | lens.named
+    return {"camera_model": "OPENCV"} | values if len(values) == 5 else None
 
 
-def depth_path(sequence: Sequence, k: int, folder: Path) -> Path:
+def color_path(model: Model, k: int, folder: Path) -> Path:
+    """The recording's colour image of frame k where it is a file that shows what the camera sees; else a copy."""
+    frame = model.recording.frames[k]
+    if isinstance(frame.color, ImageFile) and not frame.color.upright and frame.camera is None:
+        return frame.color.path
+    color = read_color(frame.color) if frame.camera is None else model.scan(k).color
+    return write_png(folder / "images" / f"{k:06d}.png", color[..., ::-1])
+
+
+def depth_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
+    sequence = model.recording
     frame = sequence.frames[k]
-    if isinstance(frame.depth, ImageFile) and sequence.depth_format == DepthFormat() and frame.mask is None:
+    plain = sequence.depth_format == DepthFormat() and frame.mask is frame.camera is None
+    if isinstance(frame.depth, ImageFile) and plain:
         return frame.depth.path
-    stored = np.rint(read_scan(sequence, k).depth_m * sequence.camera.depth_scale)
-    return write_png(folder / "depth" / f"{k:06d}.png", stored.astype(np.uint16))
-
-
-def write_png(path: Path, image: NDArray[Any]) -> Path:
-    """Write (h, w) or (h, w, 3) BGR pixels as a PNG file."""
-    import cv2
-
-    _, data = cv2.imencode(".png", np.ascontiguousarray(image))
-    with atomic_write(path, "wb") as file:
-        file.write(data.tobytes())
-    return path
+    return write_depth(folder / "depth" / f"{k:06d}.png", model.scan(k), stored_scale(sequence))

@@ -2,7 +2,8 @@
 
 Matrices are column-major lists. A trajectory's `extrinsic` is world to camera; a node's `pose` is camera to world;
 an edge's `transformation` maps points of the source scan into the target scan, with the information of
-(rotation, translation), rotation first.
+(rotation, translation), rotation first. Lenses have no place in the format: for a camera with one, color/ and depth/
+hold undistorted images (000012.png is frame 12), and the trajectory's intrinsics are theirs.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from miniloop_cli.export.model import Model
+from miniloop_cli.export.undistort import stored_scale, undistorter, write_color, write_depth
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
 
 VERSION = {"version_major": 1, "version_minor": 0}
@@ -24,11 +27,23 @@ def write_open3d(model: Model, folder: Path) -> list[Path]:
     written = [write_json(folder / "pose_graph.json", pose_graph(model))]
     if model.sequence:
         written.append(write_json(folder / "camera_trajectory.json", camera_trajectory(model)))
+        if not model.recording.camera.lens.ideal:
+            write_images(model, folder)
     return written
 
 
+def write_images(model: Model, folder: Path) -> None:
+    """Undistorted colour and depth (the recording's units), one of each a pose."""
+    sequence = model.recording
+    undistort = undistorter(sequence.camera)
+    for row, frame in track(list(zip(model.recording_rows.tolist(), model.frame_numbers, strict=True)), "images"):
+        scan, name = undistort(model.scan(row)), f"{frame:06d}.png"
+        write_color(folder / "color" / name, scan)
+        write_depth(folder / "depth" / name, scan, stored_scale(sequence))
+
+
 def camera_trajectory(model: Model) -> dict[str, Any]:
-    """A PinholeCameraTrajectory; distortion has no place in it."""
+    """A PinholeCameraTrajectory, of the undistorted images."""
     camera = model.recording.camera
     intrinsic = {"width": camera.width, "height": camera.height, "intrinsic_matrix": column_major(camera.K)}
     parameters = [

@@ -56,7 +56,9 @@ def write_numpy(model: Model, folder: Path) -> list[Path]:
     }
     if model.sequence:
         camera = model.sequence.camera
-        arrays |= {"K": camera.K, "distortion_k1_k2_p1_p2_k3": np.array(camera.distortion)}
+        lens = dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0) if camera.lens.ideal else camera.lens.named
+        kind = "fisheye" if camera.lens.model == "fisheye" else "distortion"
+        arrays |= {"K": camera.K, f"{kind}_{'_'.join(lens)}": np.array(list(lens.values()))}
         arrays |= {"depth_units_per_m": np.array(camera.depth_scale)}
     with atomic_write(path, "wb") as file:
         np.savez(file, **arrays)

@@ -103,7 +103,7 @@ def _direction(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def search_windows(
     p_a: Floats,
     T_b_a: Floats,
@@ -137,7 +137,8 @@ def search_windows(
         if right < 0 or bottom < 0 or left >= columns or top >= rows:
             continue
         tolerance_m = 6 * (noise[0] + noise[1] * (depth - noise[2]) ** 2) + 0.05 * depth
-        best, which = max_distance2, -1
+        best: float | np.int32 = max_distance2
+        which = -1
         for row in range(max(top, 0), min(bottom, rows - 1) + 1):
             first = start[row * columns + max(left, 0)]
             last = start[row * columns + min(right, columns - 1) + 1]

@@ -72,10 +72,10 @@ def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
     return _match(a.descriptors, b.descriptors, a.rows[:n], b.blocks, m, ratio2)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     """Bits in which a sketch differs from the k-th of a block."""
-    return set_bits(
+    return set_bits(  # type: ignore[call-arg]  # numba adds the first argument
         np.uint32(row[0] ^ block[0, k]),
         np.uint32(row[1] ^ block[1, k]),
         np.uint32(row[2] ^ block[2, k]),
@@ -87,7 +87,7 @@ def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None:
     """Keys (differing bits, number) of the best of each lane for every row (n, LANES), and of every column's row."""
     shift = np.uint32(16)
@@ -106,7 +106,7 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
             best[k] = min(best[k], np.uint32(differing | np.uint32(whole * LANES + k)))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _least(keys: Bits) -> np.uint32:
     """The least of the keys (LANES,), which is taken from them."""
     least = np.uint32(0xFFFFFFFF)
@@ -117,7 +117,7 @@ def _least(keys: Bits) -> np.uint32:
     return least
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def squared_distance(a: Bytes, b: Bytes) -> np.int32:
     """Of two compact descriptors (d,); for compiled code."""
     total = np.int32(0)
@@ -127,7 +127,7 @@ def squared_distance(a: Bytes, b: Bytes) -> np.int32:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _match(a: Bytes, b: Bytes, rows: Bits, blocks: Bits, m: int, ratio2: float) -> Ints:
     n = rows.shape[0]
     none = np.uint32(0xFFFFFFFF)
@@ -137,7 +137,8 @@ def _match(a: Bytes, b: Bytes, rows: Bits, blocks: Bits, m: int, ratio2: float) 
     match, distance2 = np.full(n, -1), np.empty(n, np.int32)
     taken, taken_by = np.full(m, np.int32(2**31 - 1), np.int32), np.full(m, -1)
     for i in range(n):
-        nearest, best, second = -1, np.int32(2**31 - 1), np.int32(2**31 - 1)
+        nearest: int | np.int64 = -1
+        best, second = np.int32(2**31 - 1), np.int32(2**31 - 1)
         for _ in range(CANDIDATES):
             key = _least(lane[i])
             if key == none:

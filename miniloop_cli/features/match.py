@@ -41,7 +41,7 @@ def _words(bits: Bytes) -> NDArray[np.uint64]:
     return np.ascontiguousarray(padded).view(np.uint64)
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH, inline="always")
 def _top2(d: Floats32, column: Floats32, lane1: Floats32, lane2: Floats32) -> tuple[np.float32, np.float32]:
     """Best and second-best of the distances d (m,); column (m,) takes their minimum with what it holds."""
     m = d.shape[0]
@@ -66,7 +66,7 @@ def _top2(d: Floats32, column: Floats32, lane1: Floats32, lane2: Floats32) -> tu
     return best, second
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH, inline="always")
 def _mutual(d: Floats32, best: np.float32, column: Floats32) -> int:
     """The column whose distance is the row's best and its own best, taken once; -1 if there is none."""
     for j in range(d.shape[0]):
@@ -78,7 +78,7 @@ def _mutual(d: Floats32, best: np.float32, column: Floats32) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def _match_products(products: Floats32, norms_a: Floats32, norms_b: Floats32, ratio2: np.float32) -> Ints:
     """products (n, m) float32 = -2 a b^T, squared norms (n,), (m,) float32 -> (k, 2) int64."""
     n, m = products.shape
@@ -100,7 +100,7 @@ def _match_products(products: Floats32, norms_a: Floats32, norms_b: Floats32, ra
     return out[:count].copy()
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _popcount(x: np.uint64) -> np.uint64:
     """Set bits of a uint64; the compiler knows this idiom and emits the machine's own instruction."""
     x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
@@ -109,7 +109,7 @@ def _popcount(x: np.uint64) -> np.uint64:
     return (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: Floats32) -> None:
     """Distances d (m,) float32 of the words a (w,) to the columns of b (w, m)."""
     d[:] = np.float32(0)
@@ -118,7 +118,7 @@ def _hamming_row(a: NDArray[np.uint64], b: NDArray[np.uint64], d: Floats32) -> N
             d[j] += np.float32(np.int64(_popcount(a[w] ^ b[w, j])))
 
 
-@njit(cache=True, nogil=True, fastmath=MATH)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def _match_bits(a: NDArray[np.uint64], b: NDArray[np.uint64], ratio: np.float32) -> Ints:
     """a (n, w), b (w, m) uint64 -> (k, 2) int64."""
     n, m = a.shape[0], b.shape[1]

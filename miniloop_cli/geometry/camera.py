@@ -1,4 +1,4 @@
-"""The pinhole camera with Brown-Conrady distortion, and the noise of its depth."""
+"""The camera: a pinhole behind a lens, and the noise of its depth."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from miniloop_cli.geometry.lens import PINHOLE, Lens
 from miniloop_cli.typing import Floats
 
 
@@ -24,7 +25,7 @@ class DepthNoise:
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics in pixels (pixel centres at integers), Brown-Conrady distortion, units of stored depth a metre."""
+    """Intrinsics in pixels (pixel centres at integers), the lens, units of stored depth a metre."""
 
     fx: float
     fy: float
@@ -33,7 +34,7 @@ class Camera:
     width: int
     height: int
     depth_scale: float = 5000.0
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3, as OpenCV
+    lens: Lens = PINHOLE
     noise: DepthNoise = DepthNoise()
     source: str = "given"
 
@@ -44,15 +45,38 @@ class Camera:
 
     def undistort(self, px: Floats) -> Floats:
         """(n, 2) measured pixels to the (n, 2) pixels that an ideal pinhole camera of the same K would measure."""
-        px = np.asarray(px, float).reshape(-1, 2)
-        if not any(self.distortion) or not len(px):
-            return px
-        import cv2
+        return self.lens.undistort(np.asarray(px, float).reshape(-1, 2), self.K)
 
-        # OpenCV's default of five steps leaves 0.1 px at the corners of a strong lens.
-        until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-12)
-        ideal = cv2.undistortImagePoints(px, self.K, np.array(self.distortion), arg1=until)
-        return np.asarray(ideal, float).reshape(-1, 2)
+    def distort(self, px_ideal: Floats) -> Floats:
+        """The inverse of `undistort`: where the lens images (n, 2) ideal pixels; NaN where it images none."""
+        return self.lens.distort(np.asarray(px_ideal, float).reshape(-1, 2), self.K)
+
+    def lens_fault(self) -> str | None:
+        """Why the lens cannot be undone over the whole image, naming the pixel; None for a sound one."""
+        f, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
+        u, v = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 13)
+        grid = np.stack(np.meshgrid(u, v), axis=-1)
+        px = grid.reshape(-1, 2)
+        radii = np.linalg.norm((px - centre) / f, axis=1)
+        end, reach = self.lens.limit
+        far = radii.argmax()
+        if reach <= radii[far]:
+            what = "sees 90 degrees off its axis" if self.lens.model == "fisheye" and end == np.pi / 2 else "folds over"
+            x, y = np.rint(px[far]).astype(int)
+            return (
+                f"the {self.lens.model} lens {what} {reach * self.fx:.0f} px from the principal point, within the"
+                f" image: pixel ({x}, {y}) is {radii[far] * self.fx:.0f} px away"
+            )
+        ideal = self.undistort(px)
+        along_u, along_v = (np.diff(ideal.reshape(grid.shape), axis=axis) for axis in (1, 0))
+        turned = np.zeros(grid.shape[:2], bool)  # a fold turns the grid over
+        (ax, ay), (bx, by) = np.moveaxis(along_u[1:], 2, 0), np.moveaxis(along_v[:, 1:], 2, 0)
+        turned[1:, 1:] = ~(ax * by - ay * bx > 0)
+        astray = turned.ravel() | ~(np.abs(self.distort(ideal) - px).max(axis=1) < 1e-3)
+        if astray.any():
+            x, y = np.rint(px[astray][0]).astype(int)
+            return f"the {self.lens.model} lens folds over at pixel ({x}, {y}), within the image"
+        return None
 
     def backproject(self, px_ideal: Floats, z_m: Floats) -> Floats:
         """(n, 2) undistorted pixels and (n,) depths along the optical axis (m) to (n, 3) points in the camera frame."""

@@ -17,18 +17,18 @@ def rows(T: Floats) -> Floats:
     return np.hstack([quaternions(T[:, :3, :3], w_first=True), T[:, :3, 3]])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def load(T: Floats, i: int) -> Row:
     return T[i, 0], T[i, 1], T[i, 2], T[i, 3], T[i, 4], T[i, 5], T[i, 6]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def store(T: Floats, i: int, a: Row) -> None:
     for c in range(7):
         T[i, c] = a[c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def compose(a: Row, b: Row) -> Row:
     """a b: first b, then a."""
     q = (a[0], a[1], a[2], a[3])
@@ -37,7 +37,7 @@ def compose(a: Row, b: Row) -> Row:
     return r[0], r[1], r[2], r[3], a[4] + t[1], a[5] + t[2], a[6] + t[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def invert(a: Row) -> Row:
     q = (a[0], -a[1], -a[2], -a[3])
     t = product(product(q, (0.0, a[4], a[5], a[6])), conjugate(q))

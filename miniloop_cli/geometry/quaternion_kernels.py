@@ -16,17 +16,17 @@ from miniloop_cli.typing import Floats, Ints
 Quaternion = tuple[float, float, float, float]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def load(q: Floats, i: int) -> Quaternion:
     return q[i, 0], q[i, 1], q[i, 2], q[i, 3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def conjugate(a: Quaternion) -> Quaternion:
     return a[0], -a[1], -a[2], -a[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -36,13 +36,13 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def angle(a: Quaternion) -> float:
     """Rotation angle in rad, 0..pi, accurate at both ends."""
     return 2 * math.atan2(math.sqrt(a[1] * a[1] + a[2] * a[2] + a[3] * a[3]), abs(a[0]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def residuals(q: Floats, pairs: Ints, q_j_i: Floats) -> Floats:
     """log(R_j R_j_i R_i') of every edge: (m, 3) rotation vectors, rad, world frame."""
     out = np.empty((len(pairs), 3))
@@ -56,7 +56,7 @@ def residuals(q: Floats, pairs: Ints, q_j_i: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def update(q: Floats, x: Floats) -> None:
     """R_i <- exp(x_i) R_i in place; x (n, 3) rad, world frame."""
     for i in range(len(q)):
@@ -67,7 +67,7 @@ def update(q: Floats, x: Floats) -> None:
         q[i, 0], q[i, 1], q[i, 2], q[i, 3] = a[0] / length, a[1] / length, a[2] / length, a[3] / length
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def chain(pairs: Ints, q_j_i: Floats, order: Ints, via: Ints) -> Floats:
     """Rotations along a tree: scans in `order` (root first), each from its edge `via` to one already placed."""
     q = np.zeros((len(order), 4))

@@ -48,7 +48,7 @@ def in_view(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], came
     return _shares(T, np.ascontiguousarray(se3.inverse(T)), sample, lens)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _shares(T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats) -> Floats:
     """(n, n) share of the sample points of scan a (row) that lie in the image of scan b (column)."""
     n = T_world_cam.shape[0]

@@ -46,7 +46,7 @@ def _timing(numbers: Numbers) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "association",
-            f"only {100 * timing['paired']:.0f} % of the images have a partner within 20 ms "
+            f"only {100 * timing['paired']:.0f} % of the images have a partner within 20 ms, or with their number "
             f"({timing['color_images']} colour, {timing['depth_images']} depth)",
             "check that both tables are of this recording and on one clock; a constant offset can be added to one",
         )
@@ -96,6 +96,18 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
             "depth-range",
             f"the median depth is {middle:.2f} m (from {near:.2f} m on), unusual for such sensors",
             f"check depth_scale, now {numbers['camera']['depth_scale']:g} units a metre (TUM 5000, millimetres 1000)",
+        )
+
+
+def _no_reading(numbers: Numbers) -> Iterator[Finding]:
+    for found in numbers.get("no_reading", ()):
+        yield Finding(
+            "warning",
+            "no-reading",
+            f"{100 * found['share']:.0f} % of the pixels hold the depth {found['value']:g} ({found['m']:.2f} m), with "
+            "nothing between it and the scene: it is taken as no reading",
+            "no need to act if the sensor marks missing depth so; if a surface lies there, store 0 where there is no "
+            "reading",
         )
 
 
@@ -241,4 +253,4 @@ def _plausible(factor: float) -> bool:
     return 1 / 1.7 < factor < 1.7 or 4.5 < factor < 5.5 or 4.5 < 1 / factor < 5.5
 
 
-CHECKS = (_broken, _timing, _images, _features, _registration, _camera, _depth_scale)
+CHECKS = (_broken, _timing, _images, _no_reading, _features, _registration, _camera, _depth_scale)

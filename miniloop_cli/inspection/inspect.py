@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from miniloop_cli.datasets import read_ground_truth, read_scan
+from miniloop_cli.datasets.depth_values import sample_depth
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.read import check_headers
 from miniloop_cli.errors import InputError
@@ -44,9 +45,11 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
         "sequence": shown(sequence.name),
         "layout": sequence.layout,
         "frames": len(sequence.frames),
-        "camera": asdict(sequence.camera) | {"distortion": list(sequence.camera.distortion)},
-        "notes": list(sequence.notes),
+        "camera": asdict(sequence.camera)
+        | {"lens": {"model": sequence.camera.lens.model} | sequence.camera.lens.named},
+        "notes": [str(note) for note in sequence.notes],
         "timing": timing(sequence),
+        "no_reading": _no_reading(sequence),
     }
     broken = _broken_headers(sequence)
     sample: dict[int, Scan] = {}
@@ -62,6 +65,22 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
         numbers["registration"] = _registration(sequence, sample, read)
         numbers |= _geometry(sequence, sample, rng, read)
     return Inspection(numbers, findings.all_findings(numbers))
+
+
+def _no_reading(sequence: Sequence) -> list[dict[str, float]]:
+    """Stored values that were found to mean "no reading", in metres, and the share of the pixels that hold them."""
+    if not sequence.depth_format.no_reading_found:
+        return []
+    sample = sample_depth(sequence)
+    pixels = sum(stored.size for stored in sample)
+    return [
+        {
+            "value": value,
+            "m": value / sequence.camera.depth_scale,
+            "share": sum(int((stored == np.asarray(value, stored.dtype)).sum()) for stored in sample) / pixels,
+        }
+        for value in sequence.depth_format.no_reading
+    ]
 
 
 def _broken_headers(sequence: Sequence) -> dict[int, str]:

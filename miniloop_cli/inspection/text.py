@@ -11,7 +11,8 @@ def describe(numbers: Numbers) -> Iterator[tuple[str, str]]:
     """(subject, text) lines; what could not be measured is left out."""
     timing, camera = numbers["timing"], numbers["camera"]
     yield "recording", f"{numbers['sequence']}, {numbers['layout']} layout, {numbers['frames']} frames"
-    lens = "with distortion" if any(camera["distortion"]) else "no distortion"
+    model = camera["lens"]["model"]
+    lens = {"pinhole": "no distortion", "radial-tangential": "with distortion"}.get(model, f"{model} lens")
     pinhole = " ".join(f"{camera[key]:.1f}" for key in ("fx", "fy", "cx", "cy"))
     yield (
         "camera",

@@ -13,10 +13,10 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.graph.edge_pool import Cycle
 from miniloop_cli.ransac.estimate import EdgeEstimate
 from miniloop_cli.ransac.matches import EdgeMatches, edge_matches
-from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.scene.edge import Edge
 from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.solvers import solver_name
 from miniloop_cli.typing import Pair
 
 
@@ -58,7 +58,7 @@ def unsolved_edge(pair: Pair, matches: Matches, scans: int) -> Edge:
     """A pair for which the solver of so many scans found no hypothesis, rejected for that."""
     i, j = in_order(pair)
     rows = matches[i, j]
-    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=SOLVERS[scans].name)
+    return Edge(i, j, rows, np.zeros(len(rows), bool), solver=solver_name(scans))
 
 
 def judged_edge(

@@ -20,7 +20,7 @@ from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.points import ScanPoints
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def consistent_core(P: Floats, Q: Floats, tolerance: Floats, k: int) -> Bools:
     """Members (m,) bool of the k-core: each is consistent with at least k others of the core.
 

@@ -12,7 +12,7 @@ from miniloop_cli.typing import Floats
 MATH = {"nsz", "arcp", "contract", "reassoc"}
 
 
-@njit(cache=True, nogil=True, fastmath=MATH, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def edge_normal_equations(
     T: Floats,
     matches: Packed,
@@ -31,8 +31,10 @@ def edge_normal_equations(
     (squared, in sigmas), and matches with |r|^2 > gate2 (m^2) are left out. H (6, 6), g (6,) are overwritten.
     """
     P, Q, CP, CQ = matches.P, matches.Q, matches.CP, matches.CQ
-    h = np.zeros(21)
-    b = np.zeros(6)
+    # Sums are scalars: they stay in registers, and the compiler is spared as many reads and writes of arrays.
+    h00 = h01 = h02 = h03 = h04 = h05 = h11 = h12 = h13 = h14 = h15 = 0.0
+    h22 = h23 = h24 = h25 = h33 = h34 = h35 = h44 = h45 = h55 = 0.0
+    g0 = g1 = g2 = g3 = g4 = g5 = 0.0
     R00, R01, R02, t0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     R10, R11, R12, t1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     R20, R21, R22, t2 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
@@ -83,39 +85,40 @@ def edge_normal_equations(
         a_00, a_01, a_02 = y * w02 - z * w01, y * w12 - z * w11, y * w22 - z * w12
         a_10, a_11, a_12 = z * w00 - x * w02, z * w01 - x * w12, z * w02 - x * w22
         a_20, a_21, a_22 = x * w01 - y * w00, x * w11 - y * w01, x * w12 - y * w02
-        h[0] += a_02 * y - a_01 * z
-        h[1] += a_00 * z - a_02 * x
-        h[2] += a_01 * x - a_00 * y
-        h[3] += a_00
-        h[4] += a_01
-        h[5] += a_02
-        h[6] += a_10 * z - a_12 * x
-        h[7] += a_11 * x - a_10 * y
-        h[8] += a_10
-        h[9] += a_11
-        h[10] += a_12
-        h[11] += a_21 * x - a_20 * y
-        h[12] += a_20
-        h[13] += a_21
-        h[14] += a_22
-        h[15] += w00
-        h[16] += w01
-        h[17] += w02
-        h[18] += w11
-        h[19] += w12
-        h[20] += w22
+        h00 += a_02 * y - a_01 * z
+        h01 += a_00 * z - a_02 * x
+        h02 += a_01 * x - a_00 * y
+        h03 += a_00
+        h04 += a_01
+        h05 += a_02
+        h11 += a_10 * z - a_12 * x
+        h12 += a_11 * x - a_10 * y
+        h13 += a_10
+        h14 += a_11
+        h15 += a_12
+        h22 += a_21 * x - a_20 * y
+        h23 += a_20
+        h24 += a_21
+        h25 += a_22
+        h33 += w00
+        h34 += w01
+        h35 += w02
+        h44 += w11
+        h45 += w12
+        h55 += w22
         u0, u1, u2 = u0 * weight, u1 * weight, u2 * weight
-        b[0] += y * u2 - z * u1
-        b[1] += z * u0 - x * u2
-        b[2] += x * u1 - y * u0
-        b[3] += u0
-        b[4] += u1
-        b[5] += u2
-    k = 0
+        g0 += y * u2 - z * u1
+        g1 += z * u0 - x * u2
+        g2 += x * u1 - y * u0
+        g3 += u0
+        g4 += u1
+        g5 += u2
+    H[0, 0], H[0, 1], H[0, 2], H[0, 3], H[0, 4], H[0, 5] = h00, h01, h02, h03, h04, h05
+    H[1, 1], H[1, 2], H[1, 3], H[1, 4], H[1, 5] = h11, h12, h13, h14, h15
+    H[2, 2], H[2, 3], H[2, 4], H[2, 5] = h22, h23, h24, h25
+    H[3, 3], H[3, 4], H[3, 5], H[4, 4], H[4, 5], H[5, 5] = h33, h34, h35, h44, h45, h55
+    g[0], g[1], g[2], g[3], g[4], g[5] = g0, g1, g2, g3, g4, g5
     for i in range(6):
-        g[i] = b[i]
-        for j in range(i, 6):
-            H[i, j] = h[k]
-            H[j, i] = h[k]
-            k += 1
+        for j in range(i):
+            H[i, j] = H[j, i]
     return cost

@@ -13,7 +13,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.procrustes import align_points
 from miniloop_cli.ransac.local_refinement import edge_poses, refine_locally
 from miniloop_cli.ransac.matches import EdgeMatches, Packed, pack
-from miniloop_cli.ransac.search import SOLVERS, UPRIGHT_SOLVERS, search
+from miniloop_cli.ransac.search import search
+from miniloop_cli.solvers import load, solver_name
 from miniloop_cli.typing import Bools, Floats
 
 SIGMAS = 3.0  # a match may be this many of its own sigmas farther off than the threshold
@@ -56,12 +57,12 @@ def estimate(
     axis z of all scans is vertical (2 to 4 scans). Raises MiniloopError for matches that are no numbers and for a
     number of scans that no solver takes.
     """
-    scans, solvers = max(len(edges), 2), UPRIGHT_SOLVERS if upright else SOLVERS
-    if scans not in solvers or not edges:
-        raise MiniloopError(f"there is no solver for {len(edges)} edges in a cycle")
+    if not edges:
+        raise MiniloopError("there is nothing to estimate without an edge")
+    solver = load(solver_name(max(len(edges), 2), upright))
     matches, soft = pack(edges), settings.score == "msac"
     gate2 = _gate2(matches, settings)
-    T, hypotheses = search(matches, 1 / gate2, solvers[scans], settings, upright, rng)
+    T, hypotheses = search(matches, 1 / gate2, solver, settings, upright, rng)
     if T is None:
         return None
     if not soft:
@@ -129,7 +130,7 @@ def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypoth
         distance2 = ((se3.transform(pose, edge.p) - edge.q) ** 2).sum(axis=1)
         variance = distance2[near].sum() / max(3 * near.sum() - 6, 1)
         information = _isotropic_information(se3.transform(pose, edge.p[near]), variance)
-        covariance = np.linalg.pinv(information)
+        covariance = np.linalg.pinv(information).astype(float)
         found.append(EdgeEstimate(pose, near, distance2 / max(variance, 1e-12), information, covariance))
     return CycleEstimate(tuple(found), hypotheses)
 

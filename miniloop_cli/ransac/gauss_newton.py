@@ -114,7 +114,7 @@ def cholesky_solve(A: Floats, b: Floats) -> bool:
     return True
 
 
-@njit(**WHOLE, inline="always")
+@njit(**WHOLE)
 def cycle_system(
     T: Floats,
     matches: Packed,

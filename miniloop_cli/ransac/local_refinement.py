@@ -10,6 +10,8 @@ from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats
 
 STEPS = 8
+# The row of packed covariances that holds an entry of the 3 x 3 matrix.
+ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @njit(**WHOLE)
@@ -20,18 +22,17 @@ def mahalanobis2(poses: Floats, matches: Packed, out: Floats) -> None:
     """
     P, Q, CP, CQ = matches.P, matches.Q, matches.CP, matches.CQ
     S, M, r = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    which = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
     for e in range(poses.shape[0]):
         T = poses[e]
         for k in range(matches.start[e], matches.start[e + 1]):
             for i in range(3):
                 r[i] = T[i, 0] * P[0, k] + T[i, 1] * P[1, k] + T[i, 2] * P[2, k] + T[i, 3] - Q[i, k]
                 for j in range(3):
-                    a, b, c = which[j]
+                    a, b, c = ENTRY[j, 0], ENTRY[j, 1], ENTRY[j, 2]
                     M[i, j] = T[i, 0] * CP[a, k] + T[i, 1] * CP[b, k] + T[i, 2] * CP[c, k]
             for i in range(3):
                 for j in range(i, 3):
-                    S[i, j] = CQ[which[i][j], k] + M[i, 0] * T[j, 0] + M[i, 1] * T[j, 1] + M[i, 2] * T[j, 2]
+                    S[i, j] = CQ[ENTRY[i, j], k] + M[i, 0] * T[j, 0] + M[i, 1] * T[j, 1] + M[i, 2] * T[j, 2]
             a00, a01 = S[1, 1] * S[2, 2] - S[1, 2] ** 2, S[0, 2] * S[1, 2] - S[0, 1] * S[2, 2]
             a02, a11 = S[0, 1] * S[1, 2] - S[0, 2] * S[1, 1], S[0, 0] * S[2, 2] - S[0, 2] ** 2
             a12, a22 = S[0, 1] * S[0, 2] - S[0, 0] * S[1, 2], S[0, 0] * S[1, 1] - S[0, 1] ** 2

@@ -16,7 +16,7 @@ from miniloop_cli.typing import Floats, Ints
 TRIES = 256  # draws before an edge is given up for this hypothesis
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def spread_m(X: Floats, first: int, last: int, axes: int) -> float:
     """Root mean square distance of the points X[:axes, first:last] from their mean; 0 without points."""
     count = last - first
@@ -31,7 +31,7 @@ def spread_m(X: Floats, first: int, last: int, axes: int) -> float:
     return np.sqrt(total / max(count, 1))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _consistent(P: Floats, Q: Floats, a: int, b: int, tolerance: float, min_baseline: float, upright: bool) -> bool:
     px, py, pz = P[0, a] - P[0, b], P[1, a] - P[1, b], P[2, a] - P[2, b]
     qx, qy, qz = Q[0, a] - Q[0, b], Q[1, a] - Q[1, b], Q[2, a] - Q[2, b]
@@ -44,7 +44,7 @@ def _consistent(P: Floats, Q: Floats, a: int, b: int, tolerance: float, min_base
     return abs(dp - dq) < tolerance and min(dp, dq) > min_baseline
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw(
     matches: Packed,
     tolerance: Floats,
@@ -77,7 +77,7 @@ def _draw(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_samples(
     matches: Packed,
     tolerance: Floats,

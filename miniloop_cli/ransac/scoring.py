@@ -89,7 +89,7 @@ def best_of(
     return best_cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def inlier_sample_share(T: Floats, matches: Packed, inverse_gate2: Floats, samples: Ints, sizes: Ints) -> float:
     """Probability that a sample holds inliers of T (n-1, 3, 4) only: the product over the edges of their own shares.
 

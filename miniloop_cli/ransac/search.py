@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import math
-from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 
@@ -14,6 +11,7 @@ from miniloop_cli.ransac.gauss_newton import CAUCHY2, gauss_newton
 from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.ransac.sampling import draw_samples
 from miniloop_cli.ransac.scoring import best_of, inlier_sample_share, score_cycle
+from miniloop_cli.solvers.batch import MinimalSolver
 from miniloop_cli.typing import Floats
 
 FIRST_BATCH, LARGEST_BATCH = 32, 256  # hypotheses of the first batch; later ones double
@@ -22,27 +20,7 @@ CLEAN_WANTED = 3.0  # a minimal sample of inliers is not yet a good pose: ask fo
 BASELINE_SHARE = 0.1
 TOLERANCE_SHARE = 0.5  # of the gate: what each of two matches may add to the misfit of their distance
 POLISH_STEPS = 3
-NEARLY_REAL = 0.2  # rad; the 6- and 7-cycle give nearly real solutions only if asked
-
-
-@dataclass(frozen=True)
-class Solver:
-    """A minimal solver as the search calls it: `solve_batch(p, q, *options)`, matches an edge of a sample."""
-
-    name: str
-    options: tuple[float, ...] = ()
-    room: str = ""
-
-    @property
-    def module(self) -> ModuleType:
-        """Imported when it is first used: a solver that is not used is not compiled either."""
-        return importlib.import_module(f"miniloop_cli.solvers.{self.room}{self.name}")
-
-
-# By number of scans.
-SOLVERS = {n: Solver(name) for n, name in {2: "pairwise", 3: "cycle3", 4: "cycle4", 5: "cycle5"}.items()}
-SOLVERS |= {n: Solver(f"cycle{n}", (NEARLY_REAL,), "long_cycles.") for n in (6, 7)}
-UPRIGHT_SOLVERS = {n: Solver(f"planar{n}") for n in (2, 3, 4)}
+NEARLY_REAL = 0.2  # rad; complex roots so near to the real axis are hypotheses: noise has torn a double root apart
 
 
 def hypotheses_needed(clean_share: float, confidence: float) -> float:
@@ -55,26 +33,32 @@ def hypotheses_needed(clean_share: float, confidence: float) -> float:
 
 
 def search(
-    matches: Packed, inverse_gate2: Floats, solver: Solver, settings: Ransac, upright: bool, rng: np.random.Generator
+    matches: Packed,
+    inverse_gate2: Floats,
+    solver: MinimalSolver,
+    settings: Ransac,
+    upright: bool,
+    rng: np.random.Generator,
 ) -> tuple[Floats | None, int]:
     """Poses (n-1, 3, 4) of least cost, or None, and the number of hypotheses tried.
 
     inverse_gate2 (N,) 1 / inlier distance^2 (1/m^2) of each match. The result depends on the generator alone.
     """
-    sizes = np.array(solver.module.MATCHES, np.int64)
+    sizes = np.array(solver.matches, np.int64)
     scans = max(len(sizes), 2)
     soft = float(settings.score == "msac")
     tolerance = TOLERANCE_SHARE / np.sqrt(inverse_gate2)
     best, trial, cost = np.zeros((scans - 1, 3, 4)), np.zeros((scans - 1, 3, 4)), np.inf
     floors = np.full(len(sizes), np.inf)
     kept = np.zeros((0, sizes.sum()), np.int64)
-    tried, needed, batch = 0, settings.iterations, FIRST_BATCH
+    tried, batch = 0, FIRST_BATCH
+    needed: float = settings.iterations
     while tried < needed:
         count = min(batch, settings.iterations - tried)
         samples = np.empty((count, sizes.sum()), np.int64)
         p, q = np.empty((2, *samples.shape, 3))
         draw_samples(matches, tolerance, sizes, BASELINE_SHARE, upright, rng, samples, p, q)
-        T, counts = solver.module.solve_batch(p, q, *solver.options)
+        T, counts = solver.solve_batch(p, q, NEARLY_REAL)
         trial_cost = best_of(T, counts, matches, inverse_gate2, soft, floors, trial)
         if settings.local_optimization and np.isfinite(trial_cost):
             trial_cost = _optimise(trial, matches, inverse_gate2, soft, upright, trial_cost)

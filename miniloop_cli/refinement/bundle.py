@@ -2,25 +2,30 @@
 
 Every observation gives a pixel residual (2, in units of `sigma_px`, the same for all image scales) and, where depth
 was measured, a depth residual (z_predicted - z_measured) / (depth_sigma_factor sigma_z(z_measured)), each under its own
-robust kernel. Levenberg-Marquardt with the points eliminated by the Schur complement.
+robust kernel; further terms may be given. Levenberg-Marquardt with the points eliminated by the Schur complement.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.geometry.se3 import pose, project_so3, transform
+from miniloop_cli.geometry.se3 import project_so3, transform
 from miniloop_cli.refinement.bundle_problem import Bundle
+from miniloop_cli.refinement.depth_term import DepthTerm
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
 from miniloop_cli.refinement.jackknife import image_part
 from miniloop_cli.refinement.levenberg_marquardt import Descent, minimise
+from miniloop_cli.refinement.pixel_term import PixelTerm
+from miniloop_cli.refinement.point_equations import LEAST_CURVATURE
 from miniloop_cli.refinement.points import initial_points
-from miniloop_cli.refinement.robust import KERNELS, Kernel
-from miniloop_cli.refinement.track_terms import Model, Observations
+from miniloop_cli.refinement.robust import Kernel, Robust
+from miniloop_cli.refinement.terms import NEAR_M, PointTerm, PoseTerm
+from miniloop_cli.refinement.track_rows import TrackRows
 from miniloop_cli.typing import Bools, Floats, Ints
 
 
@@ -37,6 +42,7 @@ class BundleSettings:
     relative_tolerance: float = 1e-5
     fixed_frame: int | None = None  # keeps its pose; by default the frame with the most observations
     covariance: bool = True
+    least_curvature: float = LEAST_CURVATURE  # of the kernels, as a share of their weights; 1: reweighted least squares
 
 
 @dataclass(frozen=True)
@@ -70,14 +76,18 @@ def bundle_adjust(
     settings: BundleSettings | None = None,
     jobs: int = 1,
     points_world: Floats | None = None,
+    pose_terms: Sequence[PoseTerm] = (),
+    point_terms: Sequence[PointTerm] = (),
 ) -> BundleResult:
     """Refine poses (n, 4, 4) and the points of tracks.
 
     frame, track (k,) ints; px_ideal (k, 2) undistorted pixels; z_m (k,) depth in metres, NaN where none was measured.
     `jobs` threads change the time, not one bit of the result. `points_world` (tracks, 3): where points begin, as an
     earlier adjustment left them; NaN, or no such row, where that is to be found from the measurements.
+    `pose_terms` and `point_terms` (their rows are the k observations) are minimised along with pixels and depths.
     The fixed frame keeps its pose, as do frames without observations and the first frame of a group that nothing ties
-    to the fixed one. A track seen once, or whose rays leave its depth open, does not take part; its point is NaN.
+    to the fixed one, unless terms measure it: then it keeps what they leave open. A track seen once, or whose rays
+    leave its depth open, does not take part; its point is NaN.
     Raises ValueError for shapes that do not fit, numbers that are not finite, or a frame twice in a track.
     """
     settings = settings or BundleSettings()
@@ -95,41 +105,42 @@ def bundle_adjust(
         known = np.flatnonzero(np.isfinite(points_world[:n_tracks]).all(axis=1))
         X[known], good[known] = points_world[known] - origin, True
     order = order[good[track[order]]]
-    obs, model = _kernel_inputs(frame[order], track[order], n_tracks, px[order], z[order], camera, settings)
+    tracks = TrackRows(np.searchsorted(track[order], np.arange(n_tracks + 1)), frame[order].astype(np.uint32))
+    terms: list[PointTerm] = [*_measured_terms(px, z, camera, settings), *point_terms]
+    terms = [term.of(order) for term in terms]
     fixed_frame = settings.fixed_frame
     if fixed_frame is None:
-        fixed_frame = int(np.argmax(np.bincount(obs.frame, minlength=len(T))))
+        fixed_frame = int(np.argmax(np.bincount(tracks.frame, minlength=len(T))))
     if not 0 <= fixed_frame < len(T):
         raise ValueError(f"no frame {fixed_frame} to hold fixed among {len(T)}")
 
-    problem = Bundle(obs, model, R, t, X, jobs)
+    problem = Bundle(tracks, terms, pose_terms, R, t, X, origin, jobs, settings.least_curvature)
     descent = minimise(problem, settings.max_iterations, settings.relative_tolerance)
-    residual, weight = problem.evaluate()
     anchor = anchor_of(len(T), problem.pairs, fixed_frame)
     covariance = None
     if settings.covariance:
-        covariance = problem.covariance(anchor, image_part(obs.px, camera))
+        covariance = problem.covariance(anchor, image_part(px[order], camera))
         covariance = with_untied(covariance, anchor, fixed_frame)
 
-    refined = pose(problem.R, problem.t + origin)
-    motion = restoring_motion(T, refined, anchor)
+    refined = problem.T_world_cam
+    motion = restoring_motion(T, refined, anchor, pose_terms)
     points = np.full((n_tracks, 3), np.nan)
-    seen_by = obs.frame[obs.start[:-1][good]]
-    points[good] = transform(motion[seen_by], (problem.X + origin)[good][:, None])[:, 0]
+    seen_by = tracks.frame[tracks.start[:-1][good]]
+    points[good] = transform(motion[seen_by], (problem.state.X + origin)[good][:, None])[:, 0]
     used = np.zeros(len(frame), bool)
     used[order] = True
-    all_residuals, all_weights = np.full((len(frame), 3), np.nan), np.zeros((len(frame), 2))
-    all_residuals[order], all_weights[order] = residual, weight
-    all_residuals[np.isnan(z), 2], all_weights[np.isnan(z), 1] = np.nan, 0.0
+    (residual_px, weight_px), (residual_z, weight_z) = (
+        _placed(term, problem.state.seen.p_cam, order, len(frame)) for term in terms[:2]
+    )
     return BundleResult(
         motion @ refined,
         points,
         covariance,
         used,
-        all_residuals[:, :2],
-        all_residuals[:, 2],
-        all_weights[:, 0],
-        all_weights[:, 1],
+        residual_px,
+        residual_z[:, 0],
+        weight_px,
+        weight_z,
         fixed_frame,
         descent,
     )
@@ -154,22 +165,19 @@ def _checked(
     return T, frame, track, px, z
 
 
-def _kernel_inputs(
-    frame: Ints, track: Ints, n_tracks: int, px: Floats, z: Floats, camera: Camera, settings: BundleSettings
-) -> tuple[Observations, Model]:
-    deep = np.isfinite(z)
-    depth = np.where(deep, z, 0.0)
-    inverse_sigma = np.where(deep, 1 / (settings.depth_sigma_factor * camera.noise.sigma_m(depth)), 0.0)
-    start = np.searchsorted(track, np.arange(n_tracks + 1))
-    obs = Observations(start, frame.astype(np.uint32), np.ascontiguousarray(px), depth, inverse_sigma)
-    model = Model(
-        float(camera.fx),
-        float(camera.fy),
-        float(camera.cx),
-        float(camera.cy),
-        1 / settings.sigma_px,
-        float(settings.scale_px**2),
-        float(settings.scale_depth**2),
-        KERNELS[settings.kernel],
+def _measured_terms(px: Floats, z: Floats, camera: Camera, settings: BundleSettings) -> tuple[PixelTerm, DepthTerm]:
+    """What pixels (k, 2) and depths (k,) say of the points."""
+    sigma_m = settings.depth_sigma_factor * camera.noise.sigma_m(np.where(np.isfinite(z), z, 1.0))
+    return (
+        PixelTerm(np.ascontiguousarray(px.T), camera, settings.sigma_px, Robust(settings.kernel, settings.scale_px)),
+        DepthTerm(z, sigma_m, Robust(settings.kernel, settings.scale_depth)),
     )
-    return obs, model
+
+
+def _placed(term: PointTerm, p_cam: Floats, order: Ints, count: int) -> tuple[Floats, Floats]:
+    """Residuals (count, d) and weights (count,) of a term whose rows are `order`; NaN and 0 where there is none."""
+    found = term.linearise(p_cam)[0].T
+    found[p_cam[2] < NEAR_M] = np.nan
+    residual, weight = np.full((count, found.shape[1]), np.nan), np.zeros(count)
+    residual[order], weight[order] = found, np.nan_to_num(term.robust.weight((found**2).sum(axis=1)))
+    return residual, weight

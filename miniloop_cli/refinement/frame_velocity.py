@@ -23,6 +23,14 @@ PATH_SIGMAS, SPEED_SIGMAS = (0.1, 0.05), (0.5, 0.3)
 LEAST_OBSERVATIONS = 20
 
 
+def path_runs(timestamps_s: Floats, known: Bools) -> list[Ints]:
+    """The frames that are `known` (n,), cut where they are more than MAX_GAP_S apart; runs of three and more."""
+    frames = np.flatnonzero(known)
+    step_s = np.diff(timestamps_s[frames])
+    runs = np.split(frames, np.flatnonzero((step_s > MAX_GAP_S) | (step_s <= 0)) + 1)
+    return [run for run in runs if len(run) >= 3]
+
+
 def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
 
@@ -33,11 +41,7 @@ def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Flo
     from scipy.spatial.transform import Rotation, RotationSpline
 
     v, w = np.zeros((len(T_world_cam), 3)), np.zeros((len(T_world_cam), 3))
-    frames = np.flatnonzero(known)
-    times = timestamps_s[frames]
-    for run in np.split(frames, np.flatnonzero((np.diff(times) > MAX_GAP_S) | (np.diff(times) <= 0)) + 1):
-        if len(run) < 3:
-            continue
+    for run in path_runs(timestamps_s, known):
         R, t = T_world_cam[run, :3, :3], T_world_cam[run, :3, 3]
         v[run] = np.einsum("nji,nj->ni", R, CubicSpline(timestamps_s[run], t)(timestamps_s[run], 1))
         w[run] = RotationSpline(timestamps_s[run], Rotation.from_matrix(R))(timestamps_s[run], 1)
@@ -70,7 +74,7 @@ def estimate_velocities(
     start = np.searchsorted(measured.frame[order], np.arange(len(T_cam_world) + 1))
     centre, twist = np.concatenate(path[::-1], axis=1), np.concatenate(before[::-1], axis=1)
     felt, unsure = twist.copy(), np.zeros((len(twist), 6, 6))
-    on_path = centre.any(axis=1)
+    on_path = np.any(centre != 0, axis=1)
     near, free = (np.repeat(sigmas, 3) ** -2.0 for sigmas in (PATH_SIGMAS, SPEED_SIGMAS))
     for f in np.flatnonzero(np.diff(start) >= LEAST_OBSERVATIONS):
         prior = near if on_path[f] else free
@@ -138,4 +142,10 @@ def _frame_systems(
     inside = [np.flatnonzero(part == number) for number in range(PARTS)]
     H = np.array([np.einsum("kri,krj->ij", J_weighted[k], J[k]) for k in inside])
     g = np.array([np.einsum("kri,kr->i", J_weighted[k], r[k]) for k in inside])
-    return tuple(np.concatenate([whole[None], whole - of]) for whole, of in ((H.sum(axis=0), H), (g.sum(axis=0), g)))
+    return _whole_and_without(H), _whole_and_without(g)
+
+
+def _whole_and_without(of_parts: Floats) -> Floats:
+    """(1 + parts, ...) the sum over the parts (parts, ...), and without each."""
+    whole = of_parts.sum(axis=0)
+    return np.concatenate([whole[None], whole - of_parts])

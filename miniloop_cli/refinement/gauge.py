@@ -1,5 +1,7 @@
 """The gauge: relative measurements leave every connected group of frames free to move as a whole.
 
+Terms that measure the vertical leave its position and heading free, terms that measure poses in the world nothing.
+
 While descending nothing is held fixed: the damping alone keeps the equations regular, which converges in far fewer
 steps than pinning one frame whose neighbourhood must then turn. Afterwards each group is moved back so that its anchor
 keeps the pose it came with.
@@ -7,9 +9,12 @@ keeps the pose it came with.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.refinement.terms import Gauge, PoseTerm
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Floats, Ints
 
@@ -22,9 +27,26 @@ def anchor_of(count: int, pairs: Ints, fixed_frame: int) -> Ints:
     return first[labels]
 
 
-def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints) -> Floats:
-    """(n, 4, 4) motion of each frame's group that puts its anchor back where it was given."""
-    return T_given[anchor] @ se3.inverse(T_refined[anchor])
+def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Sequence[PoseTerm] = ()) -> Floats:
+    """(n, 4, 4) motion of each frame's group that puts its anchor back where it was given, as far as it is free.
+
+    Of groups whose vertical is measured the anchor's position and heading are restored, of those whose poses in the
+    world are measured nothing.
+    """
+    motion = T_given[anchor] @ se3.inverse(T_refined[anchor])
+    free = np.full(len(anchor), int(Gauge.POSE))
+    for term in terms:
+        np.minimum.at(free, anchor[term.frames.ravel()], int(term.gauge))
+    free = free[anchor]
+    level = free == Gauge.HEADING
+    if level.any():
+        R = motion[level, :3, :3]
+        heading = np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])  # of the turn about z nearest to R
+        turn = se3.exp_so3(heading[:, None] * [0.0, 0.0, 1.0])
+        given, refined = T_given[anchor][level, :3, 3], T_refined[anchor][level, :3, 3]
+        motion[level] = se3.pose(turn, given - np.einsum("nij,nj->ni", turn, refined))
+    motion[free == Gauge.NOTHING] = np.eye(4)
+    return motion
 
 
 def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int) -> Floats:
@@ -42,5 +64,5 @@ def with_own_errors(covariance: Floats, T_world_cam: Floats, own: Floats, fixed_
     seen = se3.adjoint(se3.inverse(T_world_cam) @ T_world_cam[fixed_frame])
     more = own + seen @ own[fixed_frame] @ np.swapaxes(seen, 1, 2)
     more[fixed_frame] = 0
-    tied = np.isfinite(covariance).all(axis=(1, 2))
+    tied = np.all(np.isfinite(covariance), axis=(1, 2))
     return np.where(tied[:, None, None], covariance + more, covariance)

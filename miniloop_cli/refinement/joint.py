@@ -14,15 +14,18 @@ from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
-from miniloop_cli.refinement.bundle import BundleSettings
+from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
+from miniloop_cli.refinement.gravity import upright
 from miniloop_cli.refinement.inputs import Refined, Scans
-from miniloop_cli.refinement.posegraph import refine_pose_graph
+from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
+from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
@@ -46,18 +49,36 @@ def refine_jointly(
                 "more than %d scans (bundle.max_scans): the pose graph is refined, without bundle adjustment",
                 settings.max_scans,
             )
-    return _over_edges(poses, inside)
+    return _over_edges(poses, inside, scans)
 
 
-def _over_edges(poses: Poses, inside: EdgeTable) -> Refined:
+def level(poses: Poses, scans: Scans) -> tuple[Poses, list[PoseTerm]]:
+    """The poses turned so that z is up, and the term that keeps them so; as they are without an accelerometer."""
+    found = None
+    if scans.accelerometer is not None:
+        found = upright(scans.accelerometer, poses.T_world_cam, scans.stamps_s, poses.component == 0)
+    if found is None:
+        return poses, []
+    return Poses(found.T_up_world @ poses.T_world_cam, poses.component), [found.term]
+
+
+def _over_edges(poses: Poses, inside: EdgeTable, scans: Scans) -> Refined:
     """Pose graph of the edges."""
+    poses, pose_terms = level(poses, scans)
     result = refine_pose_graph(
         poses.T_world_cam,
         inside.pairs,
         inside.T_j_i,
         inside.information,
+        pose_terms=pose_terms,
     )
-    return Refined(Poses(result.T_world_cam, poses.component), result.covariance)
+    return _refined(result, poses)
+
+
+def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timing = NO_TIMING) -> Refined:
+    unknown = np.full((len(poses.component), 6, 6), np.nan)
+    covariance = unknown if result.covariance is None else result.covariance
+    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
 
 
 def _bundle(poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, workers: Workers) -> Refined | None:
@@ -82,12 +103,11 @@ def _bundle(poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, wor
         if not tied(tracked, known):
             return None
     fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)
-    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known), NO_TIMING
+    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known, scans.accelerometer), NO_TIMING
     if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.motion)
-    covariance = result.covariance if result.covariance is not None else np.full((len(known), 6, 6), np.nan)
-    return Refined(Poses(result.T_world_cam, poses.component), covariance, timing)
+    return _refined(result, poses, timing)
 
 
 def tied(measured: Measurements, known: Bools) -> bool:

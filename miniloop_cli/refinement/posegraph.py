@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,9 @@ from miniloop_cli.refinement.block_system import BlockSystem
 from miniloop_cli.refinement.edge_terms import Edges, add_edges, evaluate_edges, make_edges
 from miniloop_cli.refinement.gauge import anchor_of, restoring_motion, with_untied
 from miniloop_cli.refinement.levenberg_marquardt import Descent, minimise
+from miniloop_cli.refinement.pose_equations import add_pose_terms, pose_cost, term_pairs, touched
 from miniloop_cli.refinement.robust import Kernel, noise_gain
+from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.typing import Floats
 
 
@@ -50,13 +53,20 @@ class PoseGraphResult:
 
 
 def refine_pose_graph(
-    T_world_cam: Floats, pairs: ArrayLike, T_j_i: Floats, information: Floats, settings: PoseGraphSettings | None = None
+    T_world_cam: Floats,
+    pairs: ArrayLike,
+    T_j_i: Floats,
+    information: Floats,
+    settings: PoseGraphSettings | None = None,
+    pose_terms: Sequence[PoseTerm] = (),
 ) -> PoseGraphResult:
     """Minimise sum rho(r^T Lambda r) over the poses (n, 4, 4), beginning at those given.
 
     pairs (m, 2) rows (i, j); T_j_i (m, 4, 4) maps points of scan i into scan j; information (m, 6, 6) of the noise
     xi in T_j_i(true) = Exp(xi) T_j_i, rotation (rad) first, then translation (m).
-    The fixed frame keeps its pose, as does the first frame of any group that is not connected to it.
+    `pose_terms` are minimised along with the edges.
+    The fixed frame keeps its pose, as does the first frame of any group that is not connected to it, unless terms
+    measure it: then it keeps what they leave open.
     Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for edges that are none.
     """
     settings = settings or PoseGraphSettings()
@@ -68,20 +78,21 @@ def refine_pose_graph(
     if not 0 <= settings.fixed_frame < len(T):
         raise ValueError(f"no frame {settings.fixed_frame} to hold fixed among {len(T)}")
     edges = make_edges(len(T), pairs, T_j_i, information, settings.kernel, settings.scale)
-    problem = _PoseGraph(T, edges)
+    problem = _PoseGraph(T, edges, pose_terms)
     descent = minimise(problem, settings.max_iterations, settings.relative_tolerance)
     chi2, weights = np.empty(len(edges.i)), np.empty(len(edges.i))
     evaluate_edges(edges, problem.R, problem.t, chi2, weights)
 
-    anchor = anchor_of(len(T), edges.pairs, settings.fixed_frame)
-    refined = pose(problem.R, problem.t + problem.origin)
-    refined = restoring_motion(T, refined, anchor) @ refined
+    pairs = np.concatenate([edges.pairs, term_pairs(pose_terms)])
+    anchor = anchor_of(len(T), pairs, settings.fixed_frame)
+    refined = problem.T_world_cam
+    refined = restoring_motion(T, refined, anchor, pose_terms) @ refined
     is_anchor = anchor == np.arange(len(T))
-    factor = _variance_factor(chi2, 6 * (len(chi2) - np.count_nonzero(~is_anchor)))
+    factor = _variance_factor(chi2, 6 * (len(chi2) - int(np.count_nonzero(~is_anchor))))
     covariance = None
     if settings.covariance:
         gain = noise_gain(settings.kernel, settings.scale, 6)
-        marginals = BlockSystem(is_anchor, edges.pairs).marginals(problem.hessian(0.0)[0])
+        marginals = BlockSystem(is_anchor, pairs).marginals(problem.hessian(0.0)[0])
         covariance = with_untied(gain * max(factor, 1.0) * marginals, anchor, settings.fixed_frame)
     return PoseGraphResult(refined, covariance, chi2, weights, factor, descent)
 
@@ -97,19 +108,27 @@ def _variance_factor(chi2: Floats, redundancy: int) -> float:
 class _PoseGraph:
     """The state of the descent: poses (relative to their mean position), and the last proposal."""
 
-    def __init__(self, T: Floats, edges: Edges) -> None:
-        self.edges = edges
+    def __init__(self, T: Floats, edges: Edges, pose_terms: Sequence[PoseTerm]) -> None:
+        self.edges, self.pose_terms = edges, pose_terms
         self.origin = T[:, :3, 3].mean(axis=0)
         self.R, self.t = np.ascontiguousarray(project_so3(T[:, :3, :3])), T[:, :3, 3] - self.origin
-        alone = np.bincount(edges.pairs.ravel(), minlength=len(T)) == 0
-        self.system = BlockSystem(alone, edges.pairs)
+        pairs = np.concatenate([edges.pairs, term_pairs(pose_terms)])
+        self._loose = np.bincount(pairs.ravel(), minlength=len(T)) == 0
+        self.system = BlockSystem(self._loose & ~touched(pose_terms, len(T)), pairs)
         self.block = self.system.block_of(edges.i, edges.j)
         self._proposal = (self.R, self.t)
+
+    @property
+    def T_world_cam(self) -> Floats:
+        """(n, 4, 4) the poses."""
+        return pose(self.R, self.t + self.origin)
 
     def hessian(self, damping: float) -> tuple[Floats, Floats, float]:
         """Blocks (b, 6, 6), gradient (n, 6) and cost at the present poses."""
         S, g = np.zeros((len(self.system), 6, 6)), np.zeros((len(self.R), 6))
-        return S, g, add_edges(self.edges, self.block, self.R, self.t, damping, S, g)
+        cost = add_edges(self.edges, self.block, self.R, self.t, damping, S, g)
+        add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, damping, self.system, S, g)
+        return S, g, cost + pose_cost(self.pose_terms, self.T_world_cam)
 
     def propose(self, damping: float) -> tuple[float, float]:
         S, g, cost = self.hessian(damping)
@@ -117,7 +136,8 @@ class _PoseGraph:
         R = np.ascontiguousarray(self.R @ exp_so3(step[:, :3]))
         self._proposal = R, self.t + np.einsum("nij,nj->ni", self.R, step[:, 3:])
         scratch = np.empty((2, len(self.edges.i)))
-        return cost, evaluate_edges(self.edges, *self._proposal, *scratch)
+        proposed = evaluate_edges(self.edges, *self._proposal, *scratch)
+        return cost, proposed + pose_cost(self.pose_terms, pose(R, self._proposal[1] + self.origin))
 
     def accept(self) -> None:
         self.R, self.t = self._proposal

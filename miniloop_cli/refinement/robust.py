@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,25 @@ from miniloop_cli.typing import Floats
 
 Kernel = Literal["none", "cauchy", "geman-mcclure"]
 KERNELS: dict[Kernel, int] = {"none": 0, "cauchy": 1, "geman-mcclure": 2}
-NAMES = {number: name for name, number in KERNELS.items()}
+
+
+@dataclass(frozen=True)
+class Robust:
+    """A kernel and its scale in sigmas."""
+
+    kernel: Kernel = "none"
+    scale: float = 1.0
+
+    def cost(self, s: Floats) -> Floats:
+        """rho(s) of squared residuals of any shape."""
+        c2 = self.scale**2
+        if self.kernel == "cauchy":
+            return c2 * np.log1p(s / c2)
+        return s if self.kernel == "none" else s * c2 / (c2 + s)
+
+    def weight(self, s: Floats) -> Floats:
+        """rho'(s) of squared residuals of any shape."""
+        return weight_and_curvature(self.kernel, s, self.scale, 1)[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
 from miniloop_cli.refinement.frame_velocity import estimate_velocities, twists
 from miniloop_cli.refinement.gauge import with_own_errors
+from miniloop_cli.refinement.gravity import upright
+from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.timing import Flow, Measurements, camera_depths, corrected, flow, slopes
+from miniloop_cli.scene.priors import Accelerometer
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints
 
@@ -28,11 +33,15 @@ NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 
 @dataclass(frozen=True)
 class MovingCamera:
-    """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,)."""
+    """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,).
+
+    `accelerometer`: readings in the camera's axes, where there are any.
+    """
 
     camera: Camera
     stamps_s: Floats
     known: Bools
+    accelerometer: Accelerometer | None = None
 
     def path_twists(self, T_world_cam: Floats) -> Twists:
         """Velocities (n, 3) of the path through the poses (n, 4, 4)."""
@@ -48,13 +57,31 @@ class MovingCamera:
 def adjust(
     T: Floats, measured: Measurements, camera: Camera, settings: BundleSettings, jobs: int,
     px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
+    pose_terms: Sequence[PoseTerm] = (),
 ) -> BundleResult:  # fmt: skip
     """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,).
 
     It begins at `points` (p, 3), where these are known already.
     """
     px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
-    return bundle_adjust(T, measured.frame, measured.track, px, z_m, camera, settings, jobs=jobs, points_world=points)
+    return bundle_adjust(
+        T, measured.frame, measured.track, px, z_m, camera, settings, jobs, points_world=points, pose_terms=pose_terms
+    )
+
+
+def adjust_upright(
+    T: Floats, measured: Measurements, moving: MovingCamera, settings: BundleSettings, jobs: int,
+    px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
+) -> BundleResult:  # fmt: skip
+    """`adjust`, where there is an accelerometer with z up and the poses held upright."""
+    found = None
+    if moving.accelerometer is not None:
+        found = upright(moving.accelerometer, T, moving.stamps_s, moving.known)
+    if found is None:
+        return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points)
+    T = found.T_up_world @ T
+    points = None if points is None else se3.transform(found.T_up_world, points)
+    return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points, [found.term])
 
 
 def adjust_moving(
@@ -74,10 +101,11 @@ def adjust_moving(
     plain = adjust(T, measured, moving.camera, even, jobs)
     T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
     if feel and on_path.sum() <= moving.known.sum() / 2:
-        felt = _undone(T, measured, moving, ASSUMED, rough, even, jobs, True)
+        images_only = replace(moving, accelerometer=None)
+        felt = _undone(T, measured, images_only, ASSUMED, rough, even, jobs, True)
         if felt.descent.cost_after < (1 - MIN_VELOCITY_GAIN) * plain.descent.cost_after:
             return _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True), ASSUMED
-    return adjust(T, measured, moving.camera, fine, jobs, points=points), timing
+    return adjust_upright(T, measured, moving, fine, jobs, points=points), timing
 
 
 def _undone(
@@ -92,7 +120,7 @@ def _undone(
         T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
         motion, unsure = estimate_velocities(path, motion, measured, result, timing, moving.camera, rough)
         px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
-    result = adjust(T, measured, moving.camera, fine, jobs, px, z_m, points)
+    result = adjust_upright(T, measured, moving, fine, jobs, px, z_m, points)
     if result.covariance is None:
         return result
     return replace(

@@ -5,6 +5,9 @@ of the point change x by B (w, v) + R^T d with B = [hat(x) | -I]. Every block th
 in the camera frame, the gradient a = J^T W r (3) and the Hessian A = J^T W J (3 x 3) with respect to x:
   pose B^T a, B^T A B;   point R a, V = sum R A R^T;   mixed W = B^T A R^T.
 With V = L L^T and Y = W L^-T the reduced system is  sum B^T A B - Y Y^T  (Triggs et al. 2000, section 6).
+
+Loops over 3 and 6 are written as loops: the compiler unrolls them, and compiles them several times faster than what is
+written out.
 """
 
 from __future__ import annotations
@@ -12,153 +15,99 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.refinement.track_terms import Model, Observations, camera_point, observation_cost, observation_terms
+from miniloop_cli.refinement.point_equations import PointEquations
+from miniloop_cli.refinement.track_rows import TrackRows
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 _POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_point_terms(
-    V: Floats,
-    g: Floats,
-    M: Floats,
-    R: Floats,
-    f: int,
-    terms: tuple[float, float, float, float, float, float, float, float],
-) -> None:
-    """V (upper triangle) += R A R^T, g += R a, M = A R^T."""
-    a0, a1, a2, A00, A11, A02, A12, A22 = terms
-    for c in range(3):
-        r0, r1, r2 = R[f, c, 0], R[f, c, 1], R[f, c, 2]
-        g[c] += r0 * a0 + r1 * a1 + r2 * a2
-        M[0, c] = A00 * r0 + A02 * r2
-        M[1, c] = A11 * r1 + A12 * r2
-        M[2, c] = A02 * r0 + A12 * r1 + A22 * r2
-    for i in range(3):
-        for j in range(i, 3):
-            V[i, j] += R[f, i, 0] * M[0, j] + R[f, i, 1] * M[1, j] + R[f, i, 2] * M[2, j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def cholesky3(V: Floats, damping: float) -> tuple[float, float, float, float, float, float]:
-    """1/L00, L10, L20, 1/L11, L21, 1/L22 of V + damping diag(V) + prior."""
-    grow = 1.0 + damping
-    i0 = 1.0 / np.sqrt(V[0, 0] * grow + _POINT_PRIOR)
-    l10, l20 = V[0, 1] * i0, V[0, 2] * i0
-    i1 = 1.0 / np.sqrt(max(V[1, 1] * grow - l10 * l10, 0.0) + _POINT_PRIOR)
-    l21 = (V[1, 2] - l10 * l20) * i1
-    i2 = 1.0 / np.sqrt(max(V[2, 2] * grow - l20 * l20 - l21 * l21, 0.0) + _POINT_PRIOR)
-    return i0, l10, l20, i1, l21, i2
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_pose_terms(
-    S: Floats,
-    g: Floats,
-    f: int,
-    x: float,
-    y: float,
-    z: float,
-    grow: float,
-    terms: tuple[float, float, float, float, float, float, float, float],
-) -> None:
-    """Diagonal block f of S += B^T A B with its diagonal times `grow`; g[f] += B^T a."""
-    a0, a1, a2, A00, A11, A02, A12, A22 = terms
-    g[f, 0] += a1 * z - a2 * y
-    g[f, 1] += a2 * x - a0 * z
-    g[f, 2] += a0 * y - a1 * x
-    g[f, 3] -= a0
-    g[f, 4] -= a1
-    g[f, 5] -= a2
-    # H = hat(x) A
-    h00, h01, h02 = y * A02, y * A12 - z * A11, y * A22 - z * A12
-    h10, h11, h12 = z * A00 - x * A02, -x * A12, z * A02 - x * A22
-    h20, h21, h22 = -y * A00, x * A11, x * A12 - y * A02
-    S[f, 0, 0] += grow * (h02 * y - h01 * z)
-    S[f, 0, 1] += h00 * z - h02 * x
-    S[f, 0, 2] += h01 * x - h00 * y
-    S[f, 1, 1] += grow * (h10 * z - h12 * x)
-    S[f, 1, 2] += h11 * x - h10 * y
-    S[f, 2, 2] += grow * (h21 * x - h20 * y)
-    S[f, 0, 3] += h00
-    S[f, 0, 4] += h01
-    S[f, 0, 5] += h02
-    S[f, 1, 3] += h10
-    S[f, 1, 4] += h11
-    S[f, 1, 5] += h12
-    S[f, 2, 3] += h20
-    S[f, 2, 4] += h21
-    S[f, 2, 5] += h22
-    S[f, 3, 3] += grow * A00
-    S[f, 4, 4] += grow * A11
-    S[f, 5, 5] += grow * A22
-    S[f, 3, 5] += A02
-    S[f, 4, 5] += A12
-
-
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 def reduce_tracks(
     low: int,
     high: int,
-    obs: Observations,
-    model: Model,
+    tracks: TrackRows,
+    seen: PointEquations,
     R: Floats,
-    t: Floats,
-    X: Floats,
     damping: float,
     table: NDArray[np.uint32],
     S: Floats,
     g: Floats,
-) -> float:
-    """Add the tracks low..high - 1 to the reduced system; half their robust cost is returned.
+    L: Floats,
+) -> None:
+    """Add the tracks low..high - 1 to the reduced system.
 
-    R (n, 3, 3), t (n, 3) poses, X (p, 3) points; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the
-    reduced gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle is right; the caller mirrors it.
+    R (n, 3, 3) rotations of the poses; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the reduced
+    gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
+    L (p, 3, 3) gets the factors of the points' own blocks, damped; on its diagonals are the inverses of the factors'.
     """
     longest = 0
     for p in range(low, high):
-        longest = max(longest, obs.start[p + 1] - obs.start[p])
-    x, Ms, Y = np.empty((longest, 3)), np.empty((longest, 3, 3)), np.empty((longest, 18))
-    V, gp = np.empty((3, 3)), np.empty(3)
-    cost = 0.0
+        longest = max(longest, tracks.start[p + 1] - tracks.start[p])
+    x, M, Y = np.empty((longest, 3)), np.empty((longest, 3, 3)), np.empty((longest, 18))
+    V, B, AB, e = np.empty((3, 3)), np.zeros((3, 6)), np.empty((3, 6)), np.empty((3, 3))
+    for i in range(3):
+        B[i, 3 + i] = -1.0
     for p in range(low, high):
-        first, length = obs.start[p], obs.start[p + 1] - obs.start[p]
-        V[:], gp[:] = 0.0, 0.0
+        first, length = tracks.start[p], tracks.start[p + 1] - tracks.start[p]
+        for i in range(3):
+            e[0, i] = 0.0
+            for j in range(3):
+                V[i, j] = 0.0
         for k in range(length):
-            f = obs.frame[first + k]
-            x0, x1, x2 = camera_point(R, t, f, X, p)
-            cost += observation_cost(obs, first + k, model, x0, x1, x2)
-            terms = observation_terms(obs, first + k, model, x0, x1, x2)
-            add_point_terms(V, gp, Ms[k], R, f, terms)
-            add_pose_terms(S, g, f, x0, x1, x2, 1.0 + damping, terms)
-            x[k, 0], x[k, 1], x[k, 2] = x0, x1, x2
-        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
-        e0 = gp[0] * i0
-        e1 = (gp[1] - l10 * e0) * i1
-        e2 = (gp[2] - l20 * e0 - l21 * e1) * i2
-        for k in range(length):
-            for r in range(3):  # rows of N = M L^-T; Y = B^T N, so its lower half is -N and its upper N x x
-                n0 = Ms[k, r, 0] * i0
-                n1 = (Ms[k, r, 1] - l10 * n0) * i1
-                n2 = (Ms[k, r, 2] - l20 * n0 - l21 * n1) * i2
-                Y[k, 3 + r], Y[k, 9 + r], Y[k, 15 + r] = -n0, -n1, -n2
-            for c in range(0, 18, 6):
-                b0, b1, b2 = Y[k, c + 3], Y[k, c + 4], Y[k, c + 5]
-                Y[k, c] = x[k, 1] * b2 - x[k, 2] * b1
-                Y[k, c + 1] = x[k, 2] * b0 - x[k, 0] * b2
-                Y[k, c + 2] = x[k, 0] * b1 - x[k, 1] * b0
-            f = obs.frame[first + k]
+            f, A, a = tracks.frame[first + k], seen.hessian[first + k], seen.gradient[first + k]
+            for i in range(3):
+                x[k, i] = seen.p_cam[i, first + k]
+            for i in range(3):
+                u, v = (i + 1) % 3, (i + 2) % 3
+                B[u, i], B[v, i] = x[k, v], -x[k, u]
+            for i in range(3):
+                for j in range(3):
+                    M[k, i, j] = A[i, 0] * R[f, j, 0] + A[i, 1] * R[f, j, 1] + A[i, 2] * R[f, j, 2]
+                for j in range(6):
+                    AB[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+            for i in range(3):
+                for c in range(3):
+                    e[0, i] += R[f, i, c] * a[c]
+                    for j in range(i + 1):
+                        V[i, j] += R[f, i, c] * M[k, c, j]
             for i in range(6):
-                g[f, i] -= Y[k, i] * e0 + Y[k, 6 + i] * e1 + Y[k, 12 + i] * e2
+                for c in range(3):
+                    g[f, i] += B[c, i] * a[c]
+                    for j in range(i, 6):
+                        S[f, i, j] += B[c, i] * AB[c, j]
+                    S[f, i, i] += damping * B[c, i] * AB[c, i]
+        for i in range(3):
+            for j in range(i + 1):
+                rest = V[i, j] * (1.0 + damping) if i == j else V[i, j]
+                for c in range(j):
+                    rest -= L[p, i, c] * L[p, j, c]
+                L[p, i, j] = 1.0 / np.sqrt(max(rest, 0.0) + _POINT_PRIOR) if i == j else rest * L[p, j, j]
+            for c in range(i):
+                e[0, i] -= L[p, i, c] * e[0, c]
+            e[0, i] *= L[p, i, i]
         for k in range(length):
-            f = obs.frame[first + k]
+            f = tracks.frame[first + k]
+            for r in range(3):  # rows of N = M L^-T; Y = B^T N, so its lower half is -N and its upper N x x
+                for i in range(3):
+                    rest = M[k, r, i]
+                    for c in range(i):
+                        rest += L[p, i, c] * Y[k, 6 * c + 3 + r]
+                    Y[k, 6 * i + 3 + r] = -rest * L[p, i, i]
+            for i in range(3):
+                for c in range(3):
+                    u, v = (i + 1) % 3, (i + 2) % 3
+                    Y[k, 6 * c + i] = x[k, u] * Y[k, 6 * c + 3 + v] - x[k, v] * Y[k, 6 * c + 3 + u]
+            for i in range(6):
+                for c in range(3):
+                    g[f, i] -= Y[k, 6 * c + i] * e[0, c]
+        for k in range(length):
             a = Y[k]
             a0, a1, a2, a3, a4, a5, a6, a7, a8 = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
             b0, b1, b2, b3, b4, b5, b6, b7, b8 = a[9], a[10], a[11], a[12], a[13], a[14], a[15], a[16], a[17]
             for m in range(k, length):
-                q = table[f, obs.frame[first + m]]
+                q = table[tracks.frame[first + k], tracks.frame[first + m]]
                 for j in range(6):  # the hottest loop: a in registers, j vectorised
                     y0, y1, y2 = Y[m, j], Y[m, 6 + j], Y[m, 12 + j]
                     S[q, 0, j] -= a0 * y0 + a6 * y1 + b3 * y2
@@ -167,49 +116,37 @@ def reduce_tracks(
                     S[q, 3, j] -= a3 * y0 + b0 * y1 + b6 * y2
                     S[q, 4, j] -= a4 * y0 + b1 * y1 + b7 * y2
                     S[q, 5, j] -= a5 * y0 + b2 * y1 + b8 * y2
-    return 0.5 * cost
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_tracks(
-    low: int,
-    high: int,
-    obs: Observations,
-    model: Model,
-    R: Floats,
-    t: Floats,
-    X: Floats,
-    damping: float,
-    step: Floats,
-    R_new: Floats,
-    t_new: Floats,
-    X_new: Floats,
-) -> float:
-    """Back-substitute the pose step (n, 6) into the points (to X_new); half the robust cost of the new state."""
-    V, g, M = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    cost = 0.0
+    low: int, high: int, tracks: TrackRows, seen: PointEquations, R: Floats, L: Floats, step: Floats, X: Floats
+) -> None:
+    """Back-substitute the pose step (n, 6) into the points X (p, 3) of the tracks low..high - 1.
+
+    L (p, 3, 3) as `reduce_tracks` left it.
+    """
+    q, g = np.empty((1, 3)), np.empty((1, 3))
     for p in range(low, high):
-        V[:], g[:] = 0.0, 0.0
-        for k in range(obs.start[p], obs.start[p + 1]):
-            f = obs.frame[k]
-            x, y, z = camera_point(R, t, f, X, p)
-            a0, a1, a2, A00, A11, A02, A12, A22 = observation_terms(obs, k, model, x, y, z)
-            # W^T step = R A q: the gradient the point feels once the pose has moved.
-            q0 = y * step[f, 2] - z * step[f, 1] - step[f, 3]
-            q1 = z * step[f, 0] - x * step[f, 2] - step[f, 4]
-            q2 = x * step[f, 1] - y * step[f, 0] - step[f, 5]
-            a0, a1, a2 = a0 + A00 * q0 + A02 * q2, a1 + A11 * q1 + A12 * q2, a2 + A02 * q0 + A12 * q1 + A22 * q2
-            add_point_terms(V, g, M, R, f, (a0, a1, a2, A00, A11, A02, A12, A22))
-        i0, l10, l20, i1, l21, i2 = cholesky3(V, damping)
-        e0 = g[0] * i0
-        e1 = (g[1] - l10 * e0) * i1
-        e2 = (g[2] - l20 * e0 - l21 * e1) * i2
-        d2 = e2 * i2
-        d1 = (e1 - l21 * d2) * i1
-        X_new[p, 0] = X[p, 0] - (e0 - l10 * d1 - l20 * d2) * i0
-        X_new[p, 1] = X[p, 1] - d1
-        X_new[p, 2] = X[p, 2] - d2
-        for k in range(obs.start[p], obs.start[p + 1]):
-            x, y, z = camera_point(R_new, t_new, obs.frame[k], X_new, p)
-            cost += observation_cost(obs, k, model, x, y, z)
-    return 0.5 * cost
+        for i in range(3):
+            g[0, i] = 0.0
+        for k in range(tracks.start[p], tracks.start[p + 1]):
+            f = tracks.frame[k]
+            for i in range(3):
+                u, v = (i + 1) % 3, (i + 2) % 3
+                q[0, i] = seen.p_cam[u, k] * step[f, v] - seen.p_cam[v, k] * step[f, u] - step[f, 3 + i]
+            for c in range(3):  # W^T step = R A q: the gradient the point feels once the pose has moved
+                felt = seen.gradient[k, c]
+                for i in range(3):
+                    felt += seen.hessian[k, c, i] * q[0, i]
+                for i in range(3):
+                    g[0, i] += R[f, i, c] * felt
+        for i in range(3):
+            for c in range(i):
+                g[0, i] -= L[p, i, c] * g[0, c]
+            g[0, i] *= L[p, i, i]
+        for i in range(2, -1, -1):
+            for c in range(i + 1, 3):
+                g[0, i] -= L[p, c, i] * g[0, c]
+            g[0, i] *= L[p, i, i]
+            X[p, i] -= g[0, i]

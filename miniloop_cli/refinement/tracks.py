@@ -66,7 +66,9 @@ def build_tracks(
     order = np.argsort(-weight, kind="stable")
     nodes = (ab + offsets[frames])[order]
     frame_of = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    root, dropped = _join(nodes[:, 0].copy(), nodes[:, 1].copy(), frame_of, len(offsets) - 1)
+    root, unmarked = np.arange(len(frame_of)), np.full(len(offsets) - 1, -1)
+    ones, scratch = np.ones(len(frame_of), np.int64), np.empty(2, np.int64)
+    dropped = _join(np.ascontiguousarray(nodes), frame_of, root, root.copy(), ones, unmarked, scratch)
 
     # Nodes are numbered by frame, then feature, so the smallest node of a track names it and a stable sort does it.
     size = np.bincount(root, minlength=len(root))
@@ -78,50 +80,44 @@ def build_tracks(
     by_track = np.argsort(track, kind="stable")
     kept, track = kept[by_track], track[by_track]
     frame = frame_of[kept]
-    return Tracks(frame, track, kept - offsets[frame], len(first), int(dropped))
+    return Tracks(frame, track, kept - offsets[frame], len(first), dropped)
 
 
-@njit(cache=True, nogil=True)
-def _find(parent: Ints, x: int) -> int:
-    while parent[x] != x:
-        parent[x] = parent[parent[x]]
-        x = parent[x]
-    return x
+@njit(cache=True, nogil=True, error_model="numpy")
+def _join(ends: Ints, frame_of: Ints, parent: Ints, ring: Ints, size: Ints, seen: Ints, root: Ints) -> int:
+    """Join the nodes (m, 2) that matches connect, in their order; the number of matches refused is returned.
 
-
-@njit(cache=True, nogil=True)
-def _join(a: Ints, b: Ints, frame_of: Ints, n_frames: int) -> tuple[Ints, int]:
-    """Root of every node (k,), and the number of matches refused. Members of a set form a ring through `ring`."""
-    n = len(frame_of)
-    parent, ring, size = np.arange(n), np.arange(n), np.ones(n, np.int64)
-    seen = np.full(n_frames, -1)
+    `parent` and `ring` (k,) begin as 0..k - 1, `size` as ones, `seen` (frames,) as -1; root (2,) is scratch. Members of
+    a set form a ring through `ring`. In the end `parent` holds the root of every node.
+    """
     dropped = 0
-    for m in range(len(a)):
-        s, t = _find(parent, a[m]), _find(parent, b[m])
-        if s == t:
+    for m in range(len(ends)):
+        for side in range(2):
+            x = ends[m, side]
+            while parent[x] != x:
+                parent[x] = parent[parent[x]]
+                x = parent[x]
+            root[side] = x
+        if root[0] == root[1]:
             continue
-        clash = size[s] + size[t] > n_frames
-        if not clash:
-            x = s
-            while True:
+        clash = size[root[0]] + size[root[1]] > len(seen)
+        for side in range(2):  # the frames of the first set are marked, those of the second compared with them
+            x = root[side]
+            for _ in range(size[x]):
+                if clash:
+                    break
+                clash = seen[frame_of[x]] == m
                 seen[frame_of[x]] = m
                 x = ring[x]
-                if x == s:
-                    break
-            x = t
-            while not clash:
-                clash = seen[frame_of[x]] == m
-                x = ring[x]
-                if x == t:
-                    break
         if clash:
             dropped += 1
             continue
-        if size[s] < size[t]:
-            s, t = t, s
+        larger = 0 if size[root[0]] >= size[root[1]] else 1
+        s, t = root[larger], root[1 - larger]
         parent[t] = s
         size[s] += size[t]
         ring[s], ring[t] = ring[t], ring[s]
-    for x in range(n):
-        parent[x] = _find(parent, x)
-    return parent, dropped
+    for x in range(len(parent)):
+        while parent[x] != parent[parent[x]]:
+            parent[x] = parent[parent[x]]
+    return dropped

@@ -12,8 +12,8 @@ from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report import charts
 from miniloop_cli.report.cached_images import VIEWS_DEG, edge_picture, model_pictures
 from miniloop_cli.report.images import data_uri, frame_image, jpeg
-from miniloop_cli.results.assessment import left_out, runs
 from miniloop_cli.results.columns import Edges, ReportData
+from miniloop_cli.results.facts import left_out, runs
 from miniloop_cli.results.folder import LARGEST
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.scene.sequence import Trajectory

@@ -19,7 +19,9 @@ from miniloop_cli.typing import Floats
 Inputs = tuple[Trajectory, Trajectory, Floats | None, Protocol | None, str]
 
 
-def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Protocol | None) -> Inputs:
+def read_inputs(
+    source: Path, truth: Path, edges_path: Path | None, protocol: Protocol | None, follow_links: bool = False
+) -> Inputs:
     """The arguments of `evaluate`: trajectory, ground truth, (e, 2) edge stamps, protocol, what the edges are called.
 
     `source`: a results folder or a trajectory; `truth`: a trajectory or a recording that has one; `edges_path`: an
@@ -36,33 +38,33 @@ def read_inputs(source: Path, truth: Path, edges_path: Path | None, protocol: Pr
     elif edges_path.suffix == ".csv":
         edges = edge_stamps(read_table(edges_path), edges_path)
     else:
-        edges = read_edge_list(edges_path, frame_stamps(folder, truth))
+        edges = read_edge_list(edges_path, frame_stamps(folder, truth, follow_links))
     edges_are = f"edges of {edges_path.name}" if edges_path else "verified edges"
-    return trajectory, ground_truth(truth, trajectory.timestamps_s, folder), edges, protocol, edges_are
+    return trajectory, ground_truth(truth, trajectory.timestamps_s, folder, follow_links), edges, protocol, edges_are
 
 
-def ground_truth(path: Path, frames_s: Floats, folder: Results | None) -> Trajectory:
+def ground_truth(path: Path, frames_s: Floats, folder: Results | None, follow_links: bool = False) -> Trajectory:
     """The trajectory at `path`: a file, a folder's groundtruth.txt, or what a recording of another layout has.
 
     `frames_s`: (n,) stamps of the poses to be measured; `folder`: their run, which knows the frames by number.
     """
     file = path if path.is_file() else path / "groundtruth.txt"
     if file.is_file() and (path.is_dir() or recognise(path) is None):
-        return read_trajectory(file, frames_s, lambda: _numbered(path, frames_s, folder))
-    sequence = open_sequence(path)
+        return read_trajectory(file, frames_s, lambda: _numbered(path, frames_s, folder, follow_links))
+    sequence = open_sequence(path, follow_links=follow_links)
     truth = read_ground_truth(sequence)
     if truth is None:
         raise InputError(f"{path} comes without ground truth (no groundtruth.txt): give a trajectory file to --gt")
     return truth if truth.source else replace(truth, source=f"poses of the recording ({sequence.layout})")
 
 
-def _numbered(path: Path, frames_s: Floats, folder: Results | None) -> dict[str, Floats]:
+def _numbered(path: Path, frames_s: Floats, folder: Results | None, follow_links: bool) -> dict[str, Floats]:
     """(n,) stamps by frame number: of the recording, of the run's frames.csv, else of the poses themselves."""
     numbered = {}
     recording = path if path.is_dir() else _recording_of(folder)
     if recording is not None:
         try:
-            frames = open_sequence(recording).frames
+            frames = open_sequence(recording, follow_links=follow_links).frames
             numbered["frames of the recording"] = np.array([frame.timestamp_s for frame in frames])
         except MiniloopError:
             pass  # moved, or a folder with nothing but a ground truth: the run's own table counts as well
@@ -76,10 +78,11 @@ def _recording_of(folder: Results | None) -> Path | None:
     return Path(recording) if isinstance(recording, str) else None
 
 
-def frame_stamps(folder: Results | None, truth: Path) -> Floats:
+def frame_stamps(folder: Results | None, truth: Path, follow_links: bool = False) -> Floats:
     """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording."""
     if folder and len(folder.frame_stamps_s):
         return folder.frame_stamps_s
     if truth.is_dir():
-        return np.array([frame.timestamp_s for frame in open_sequence(truth).frames])
+        sequence = open_sequence(truth, follow_links=follow_links)
+        return np.array([frame.timestamp_s for frame in sequence.frames])
     raise InputError("frame numbers need the recording's time stamps: give its folder to --gt")

@@ -49,10 +49,10 @@ class Results:
     @cached_property
     def camera(self) -> Camera | None:
         """The camera of camera.yaml, None without the file. Raises InputError or ConfigError if it is damaged."""
-        from miniloop_cli.datasets.intrinsics import load_camera
+        from miniloop_cli.datasets.camera_files import read_camera_file
 
         path = self.root / "camera.yaml"
-        return load_camera(path) if path.is_file() else None
+        return read_camera_file(path) if path.is_file() else None
 
     def check_camera(self) -> None:
         """Raise InputError or ConfigError where a run's camera.yaml is damaged, for who does not need it otherwise."""

@@ -25,7 +25,6 @@ def write_log(run: Registration, data: ReportData, problem: str = "") -> None:
 def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[str]:
     """The lines of log.txt."""
     sequence, camera = run.sequence, run.sequence.camera
-    lens = ", ".join(f"{value:g}" for value in camera.distortion) if any(camera.distortion) else "none"
     verdict = judge(data.columns)
     problems = [
         f"frame {k} ({sequence.frames[k].timestamp_s:.6f}): {frame_status(run, k)[1]}"
@@ -36,7 +35,7 @@ def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[st
         f"recording: {sequence.root} (layout {sequence.layout}, {len(sequence.frames)} frames)",
         f"camera: {camera.source}",
         f"  fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}, {camera.width} x {camera.height},"
-        f" {camera.depth_scale:g} units a metre, distortion {lens}",
+        f" {camera.depth_scale:g} units a metre, lens {camera.lens}",
         *(f"note: {note}" for note in sequence.notes),
         f"seed: {run.seed}",
         "",

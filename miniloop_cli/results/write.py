@@ -96,7 +96,7 @@ def summary(run: Registration) -> dict[str, Any]:
             "headline": assessment.headline,
             "reasons": list(assessment.reasons),
         },
-        "notes": [*run.sequence.notes, *run.notes],
+        "notes": [*map(str, run.sequence.notes), *run.notes],
         "prior_notes": list(run.notes),
         "timings_s": run.timings_s,
         "seed": run.seed,

@@ -7,13 +7,16 @@ from typing import Any
 MOST_BRACKETS = 200  # its time grows with the square of the depth; cameras and settings need none
 
 
-def load_plain(text: str) -> Any:
-    """What a YAML text says. Raises yaml.YAMLError, and nothing else, for what is none or is nested absurdly."""
+def load_plain(text: str, loader: type | None = None) -> Any:
+    """What a YAML text says; `loader` is a subclass of yaml.SafeLoader.
+
+    Raises yaml.YAMLError, and nothing else, for what is none or is nested absurdly.
+    """
     import yaml
 
     if text.count("[") + text.count("{") > MOST_BRACKETS:
         raise yaml.YAMLError(f"more than {MOST_BRACKETS} brackets")
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, loader or yaml.SafeLoader)
     except (ValueError, TypeError, AttributeError, KeyError, ArithmeticError, RecursionError) as error:
         raise yaml.YAMLError(type(error).__name__) from error

@@ -2,17 +2,51 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from miniloop_cli.typing import Floats
 
 
 @dataclass(frozen=True)
-class Priors:
-    """Of n frames: `up_sensor` (n, 3) unit vectors in the axes of the sensor, `T_world_cam` (n, 4, 4) rough poses.
+class Accelerometer:
+    """Readings (r, 3), upwards at rest, in any unit and in the sensor's own axes, at stamps_s (r,), ascending.
 
-    Rows of frames of which nothing is known are NaN; None where nothing was given.
+    `up` (n, 3): the mean direction around each of n frames, unit vectors, NaN where there are no readings.
+    `source` names the file.
     """
 
-    up_sensor: Floats | None = None
+    stamps_s: Floats
+    readings: Floats
+    up: Floats
+    source: str = "the accelerometer's file"
+
+    def turned(self, R: Floats) -> Accelerometer:
+        """In axes that R (3, 3) maps those of now into."""
+        return replace(self, readings=self.readings @ R.T, up=self.up @ R.T)
+
+
+@dataclass(frozen=True)
+class Vertical:
+    """Readings in the axes of the cameras (x right, y down, z forward), and how far their mean directions are off.
+
+    sigma_deg: at the median, from the edges that the images alone are sure of.
+    """
+
+    accelerometer: Accelerometer
+    sigma_deg: float
+
+    @property
+    def up_cam(self) -> Floats:
+        """(n, 3) unit vectors, NaN where there is none."""
+        return self.accelerometer.up
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Of n frames: what an accelerometer read, and rough poses `T_world_cam` (n, 4, 4); None where not given.
+
+    Rows of frames of which nothing is known are NaN.
+    """
+
+    accelerometer: Accelerometer | None = None
     T_world_cam: Floats | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 
 from miniloop_cli.geometry.camera import Camera
@@ -19,6 +20,7 @@ class Frame:
     depth: ImageSource
     mask: ImageSource | None = None  # pixels to ignore, where the recording comes with masks
     depth_timestamp_s: float | None = None  # where depth has stamps of its own
+    camera: Camera | None = None  # its own intrinsics where they differ: it is read as the recording's camera sees it
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,39 @@ class Scan:
     mask: Bools | None = None
 
 
+class NoteKind(StrEnum):
+    """What a reader did with a recording that its user did not ask for."""
+
+    DROPPED = "dropped"  # files or rows that are not used
+    ASSUMED = "assumed"  # what nothing states
+    PAIRED = "paired"  # how images found their partners
+    CONVERTED = "converted"  # from other units or formats
+    UNUSED = "unused"  # what lies beside the images and is not read
+
+
+@dataclass(frozen=True)
+class Note:
+    """One sentence on what happened between folder and frames, with number and reason."""
+
+    kind: NoteKind
+    text: str
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the user should see it unasked: something is missing from the result, or may be wrong."""
+        return self.kind in (NoteKind.DROPPED, NoteKind.ASSUMED)
+
+    def __str__(self) -> str:
+        return self.text
+
+
 @dataclass(frozen=True)
 class DepthFormat:
     """How a layout stores depth beyond the camera's scale."""
 
-    no_reading: int | None = None  # a stored value that means "no reading", besides 0
+    no_reading: tuple[float, ...] = ()  # stored values that mean "no reading", besides 0
+    no_reading_found: bool = False  # some of these were told from the images; no one states them
+    floating: bool = False  # stored as floating-point numbers, not as 16-bit integers
     resample: bool = False  # depth may be a registered image of lower resolution (phones): nearest neighbour
 
 
@@ -59,7 +89,8 @@ class Sequence:
     camera: Camera
     frames: tuple[Frame, ...]
     ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
-    notes: tuple[str, ...] = field(default=())  # what the reader dropped or assumed, for the log and the report
+    notes: tuple[Note, ...] = field(default=())  # what the reader dropped, assumed ..., for terminal, log and report
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
+    depth_scale_assumed: bool = False  # the camera's depth_scale is the layout's habit; nothing states it
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:  # a run that finds refined poses in the store needs no bundle adjustment
-    pass
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import radial_tangential_lens
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
@@ -70,4 +71,6 @@ class SimulationSettings:
         """A Kinect-like camera; unless given, its focal length is scaled to the width of the image."""
         f = self.focal_px or 525.0 * self.width / 640
         centre = ((self.width - 1) / 2, (self.height - 1) / 2)
-        return Camera(f, f, *centre, self.width, self.height, 5000.0, self.distortion, source="simulated")
+        return Camera(
+            f, f, *centre, self.width, self.height, 5000.0, radial_tangential_lens(*self.distortion), source="simulated"
+        )

@@ -1,18 +1,101 @@
-"""Many minimal samples at once, or one at a time for people: arrays in, arrays out, around the compiled solvers.
+"""What all minimal solvers share: one decorator makes the entries for many samples and for one from the mathematics.
 
-Every solver module has MATCHES (matches an edge, the closing edge last), MAX_SOLUTIONS, the compiled core
-`solve(p, q, T) -> count`, `solve_batch(p, q) -> (T, counts)` and an entry named after itself for one sample.
+A solver's module holds its mathematics: a function `name(p, q, T) -> count` that is compiled by numba. Matches stand
+edge by edge, `p` in the earlier scan of an edge and `q` in the later, the closing edge last; solution s takes scan e to
+scan e + 1 by `T[s, e] = [R | t]`, and slots from `count` on stay as they are. `@minimal_solver` turns it into a
+`MinimalSolver` of the same name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import FunctionType
 
 import numpy as np
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
+from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.solvers._kernels.alignment import OPTIONS
 from miniloop_cli.typing import Floats, Ints
+
+
+class MinimalSolver:
+    """A minimal solver, called with one sample: `solver(p, q)`; `solve_batch` takes many, `solve` is compiled.
+
+    `matches`: how many each edge gives, the closing edge last. `max_solutions`: the bound on their number.
+    `nearly_real`: up to which imaginary part (rad) a complex pair of roots gives its real part if nothing else is asked
+    for; None where that is no question.
+    """
+
+    def __init__(
+        self, core: Callable[..., int], matches: tuple[int, ...], solutions: int, nearly_real: float | None
+    ) -> None:
+        self.name, self.__doc__, self.__module__ = core.__name__, core.__doc__, core.__module__
+        self.matches, self.max_solutions, self.nearly_real = matches, solutions, nearly_real
+        # Compiled for whoever calls it; the loop has a copy in it and does without.
+        self.solve = njit(**OPTIONS)(core)
+        self._solve_all = njit(**OPTIONS)(_loop_over(core, _solve_all if nearly_real is None else _solve_all_within))
+
+    def solve_batch(self, p: Floats, q: Floats, nearly_real: float | None = None) -> tuple[Floats, Ints]:
+        """Solutions T (b, solutions, n-1, 3, 4) and their counts (b,) of samples p, q (b, k, 3); unused slots are zero.
+
+        `nearly_real` (rad) in place of the solver's own, if it has one. Raises MiniloopError if a shape is wrong.
+        """
+        p, q = np.ascontiguousarray(p, float), np.ascontiguousarray(q, float)
+        k = sum(self.matches)
+        if p.ndim != 3 or p.shape[1:] != (k, 3) or p.shape != q.shape:
+            raise MiniloopError(f"this solver takes samples p, q (b, {k}, 3), got {p.shape} and {q.shape}")
+        T = np.zeros((len(p), self.max_solutions, max(len(self.matches), 2) - 1, 3, 4))
+        counts = np.zeros(len(p), np.int64)
+        if self.nearly_real is None:
+            self._solve_all(p, q, T, counts)
+        else:
+            self._solve_all(p, q, T, counts, self.nearly_real if nearly_real is None else nearly_real)
+        return T, counts
+
+    def __call__(self, p: Floats, q: Floats, best: bool = False) -> Floats:
+        """Solutions (s, n-1, 4, 4) of one sample p, q (k, 3); with `best` only the one of least residual, if any."""
+        T, counts = self.solve_batch(np.asarray(p, float)[None], np.asarray(q, float)[None])
+        poses = se3.pose(T[0, : counts[0], ..., :3], T[0, : counts[0], ..., 3])
+        if best and len(poses) > 1:
+            residuals = np.linalg.norm(match_residuals(poses, p, q, self.matches), axis=-1)
+            poses = poses[[residuals.argmin()]]
+        return poses
+
+
+def minimal_solver(
+    matches: tuple[int, ...], solutions: int, nearly_real: float | None = None
+) -> Callable[[Callable[..., int]], MinimalSolver]:
+    """Decorator: the solver of samples with so many `matches` an edge, which has at most so many `solutions`.
+
+    With `nearly_real` the function takes it as fourth argument, and this is its default.
+    """
+    return lambda core: MinimalSolver(core, matches, solutions, nearly_real)
+
+
+def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i])  # type: ignore[name-defined]  # noqa: F821
+
+
+def _solve_all_within(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
+    for i in range(p.shape[0]):
+        counts[i] = solve(p[i], q[i], T[i], nearly_real)  # type: ignore[name-defined]  # noqa: F821
+
+
+def _loop_over(core: Callable[..., int], loop: Callable[..., None]) -> FunctionType:
+    """The loop with `solve` = core, for the compiler.
+
+    numba keeps no compiled closure over another compiled function for the next process. So the loop gets globals of its
+    own, and the name and the file of the solver, under which numba keeps it.
+    """
+    name, source = f"{core.__name__}_all", core.__code__
+    code = loop.__code__.replace(
+        co_name=name, co_qualname=name, co_filename=source.co_filename, co_firstlineno=source.co_firstlineno
+    )
+    named = {"__name__": core.__module__, "solve": njit(**OPTIONS, inline="always")(core), "range": range}
+    return FunctionType(code, named, name)
 
 
 def edges_of(matches: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -20,32 +103,6 @@ def edges_of(matches: tuple[int, ...]) -> list[tuple[int, int]]:
     scans = max(len(matches), 2)
     chain = [(e, e + 1) for e in range(scans - 1)]
     return chain if len(matches) == 1 else [*chain, (0, scans - 1)]
-
-
-def run_batch(
-    solve_all: Callable, matches: tuple[int, ...], solutions: int, p: Floats, q: Floats, *options: float
-) -> tuple[Floats, Ints]:
-    """Solutions T (b, solutions, n-1, 3, 4) and their counts (b,) of b samples p, q (b, k, 3); unused slots are zero.
-
-    `solve_all(p, q, T, counts, *options)` is the compiled loop of a solver. Raises MiniloopError if a shape is wrong.
-    """
-    p, q = np.ascontiguousarray(p, float), np.ascontiguousarray(q, float)
-    if p.ndim != 3 or p.shape[1:] != (sum(matches), 3) or p.shape != q.shape:
-        raise MiniloopError(f"this solver takes samples p, q (b, {sum(matches)}, 3), got {p.shape} and {q.shape}")
-    T = np.zeros((len(p), solutions, max(len(matches), 2) - 1, 3, 4))
-    counts = np.zeros(len(p), np.int64)
-    solve_all(p, q, T, counts, *options)
-    return T, counts
-
-
-def run_single(solve_batch: Callable, matches: tuple[int, ...], p: Floats, q: Floats, best: bool) -> Floats:
-    """Solutions (s, n-1, 4, 4) of one sample p, q (k, 3); with `best` only the one of least residual, if any."""
-    T, counts = solve_batch(np.asarray(p, float)[None], np.asarray(q, float)[None])
-    poses = se3.pose(T[0, : counts[0], ..., :3], T[0, : counts[0], ..., 3])
-    if best and len(poses) > 1:
-        residuals = np.linalg.norm(match_residuals(poses, p, q, matches), axis=-1)
-        poses = poses[[residuals.argmin()]]
-    return poses
 
 
 def match_residuals(poses: Floats, p: Floats, q: Floats, matches: tuple[int, ...]) -> Floats:

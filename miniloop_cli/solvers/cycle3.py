@@ -20,13 +20,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
     aligned,
     at,
-    axis_frame,
     back_translation,
+    edge_frames,
     joint,
     off_axis,
     turned,
@@ -35,11 +37,9 @@ from miniloop_cli.solvers._kernels.alignment import (
     write_edge,
 )
 from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL
-from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.solvers.batch import minimal_solver
+from miniloop_cli.typing import Floats
 
-MATCHES = (2, 2, 1)
-MAX_SOLUTIONS = 2
 # Below this ratio of its half axes the ellipse is a segment.
 FLATTEST = 1e-6
 # Mirrored solutions nearer than this (rad) are one.
@@ -86,20 +86,18 @@ def nearest_on_circle(
     return turn, turn, 1 if good else 0
 
 
-@njit(**OPTIONS)
-def solve(p: Floats, q: Floats, T: Floats) -> int:
+@minimal_solver(matches=(2, 2, 1), solutions=2)
+def cycle3(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (5, 3) matches of the edges 1-2, 2-3 (two each), 1-3; T (2, 2, 3, 4) gets 1 -> 2 -> 3; returns 0 to 2."""
-    H1, good_h1 = axis_frame(p, 0)
-    G2, good_g2 = axis_frame(q, 0)
-    H2, good_h2 = axis_frame(p, 2)
-    G3, good_g3 = axis_frame(q, 2)
-    if not (good_h1 and good_g2 and good_h2 and good_g3):
+    frames = np.empty((4, 12))
+    H, G = frames[:2], frames[2:]
+    if not edge_frames(p, q, H, G):
         return 0
-    K2 = joint(H2, G2)
-    a, b = aligned(H1, p, 4), aligned(G3, q, 4)
-    if not (off_axis(H1, a) and off_axis(G3, b)):
+    K2 = joint(H[1], G[0])
+    a, b = aligned(H[0], p[4]), aligned(G[1], q[4])
+    if not (off_axis(H[0], a) and off_axis(G[1], b)):
         return 0
-    z = turned(K2, 2, a)
+    vx, vy, z = turned(K2, a)
     n = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], a)
     radius2 = b[0] * b[0] + b[1] * b[1]
     scale = 1.0 / math.sqrt(radius2)
@@ -108,26 +106,10 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
     count = 0
     for i in range(found):
         e = mirrored if i else first
-        x, y = at(turned(K2, 0, a), e.real, e.imag), at(turned(K2, 1, a), e.real, e.imag)
+        x, y = at(vx, e.real, e.imag), at(vy, e.real, e.imag)
         turn, good = unit(complex(x, -y) * complex(b[0], b[1]))
         if good:
-            write_edge(T, count, 0, H1, G2, e.real, e.imag)
-            write_edge(T, count, 1, H2, G3, turn.real, turn.imag)
+            write_edge(T[count, 0], H[0], G[0], e.real, e.imag)
+            write_edge(T[count, 1], H[1], G[1], turn.real, turn.imag)
             count += 1
     return count
-
-
-@njit(**OPTIONS)
-def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
-    for i in range(p.shape[0]):
-        counts[i] = solve(p[i], q[i], T[i])
-
-
-def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
-    """Samples p, q (b, 5, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
-    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
-
-
-def cycle3(p: Floats, q: Floats, best: bool = False) -> Floats:
-    """Scans 1 -> 2 -> 3 as (s, 2, 4, 4), s <= 2, from matches p, q (5, 3) of 1-2, 2-3 (two each), 1-3."""
-    return run_single(solve_batch, MATCHES, p, q, best)

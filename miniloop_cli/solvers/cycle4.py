@@ -19,6 +19,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.solvers._kernels.alignment import (
     OPTIONS,
@@ -27,10 +29,10 @@ from miniloop_cli.solvers._kernels.alignment import (
     aligned,
     apply,
     at,
-    axis_frame,
     back_translation,
     backwards,
     crossing,
+    edge_frames,
     joint,
     off_axis,
     turned,
@@ -38,12 +40,10 @@ from miniloop_cli.solvers._kernels.alignment import (
     unit,
     write_edge,
 )
-from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, roots_on_circle, workspace
-from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, ROWS, roots_on_circle
+from miniloop_cli.solvers.batch import minimal_solver
+from miniloop_cli.typing import Floats
 
-MATCHES = (2, 2, 2, 1)
-MAX_SOLUTIONS = 4
 # The least `crossing` of two axes that still determines the matrix.
 SINGULAR = 1e-9
 
@@ -51,7 +51,7 @@ SINGULAR = 1e-9
 @njit(**OPTIONS)
 def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Floats, nearly_real: float) -> int:
     """Angles that close the loop, q = L(g) K3 L(b) K2 L(a) p: rows cos a, sin a, cos b, .. of memory[3:7]; how many."""
-    vx, vy, vz = turned(K2, 0, p), turned(K2, 1, p), turned(K2, 2, p)
+    vx, vy, vz = turned(K2, p)
     vv = turned_norm(back_translation(K2), K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11], p)
     u = back_translation(K3)
     t2 = K3[9] * K3[9] + K3[10] * K3[10] + K3[11] * K3[11]
@@ -72,7 +72,7 @@ def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Floats, nearly_re
     f[3] = 0.5 * (cc - ss)
     f[4] = wx[1] * wx[2] + wy[1] * wy[2] - d2 * (vx[1] * vx[2] + vy[1] * vy[2])
     count = 0
-    for i in range(roots_on_circle(memory, 2, nearly_real)):
+    for i in range(roots_on_circle(memory, np.int64(2), nearly_real)):
         c, s = cosines[i], sines[i]
         x, y = at(vx, c, s), at(vy, c, s)
         b, good_b = unit(complex(x, -y) * complex(at(wx, c, s) * sign, at(wy, c, s) * sign))
@@ -85,60 +85,29 @@ def _close(K2: Motion, K3: Motion, p: Point, q: Point, memory: Floats, nearly_re
     return count
 
 
-@njit(**OPTIONS)
-def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
-    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
-    H1, good_h1 = axis_frame(p, 0)
-    G2, good_g2 = axis_frame(q, 0)
-    H2, good_h2 = axis_frame(p, 2)
-    G3, good_g3 = axis_frame(q, 2)
-    H3, good_h3 = axis_frame(p, 4)
-    G4, good_g4 = axis_frame(q, 4)
-    if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4):
+@minimal_solver(matches=(2, 2, 2, 1), solutions=4, nearly_real=NEARLY_REAL)
+def cycle4(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
+    """p, q (7, 3) matches of the edges 1-2, 2-3, 3-4 (two each) and 1-4; T (4, 3, 3, 4) receives 1 -> 2 -> 3 -> 4.
+
+    Returns the number of solutions, 0 to 4. Complex pairs with an imaginary part below `nearly_real` (rad) give their
+    real part, 0: none.
+    """
+    room = np.empty((ROWS + 6, 12))  # a single allocation, as that costs as much as a root
+    memory, H, G, found = room[:ROWS], room[ROWS : ROWS + 3], room[ROWS + 3 :], room[3:7]
+    if not edge_frames(p, q, H, G):
         return 0
-    K2, K3 = joint(H2, G2), joint(H3, G3)
-    start, end = aligned(H1, p, 6), aligned(G4, q, 6)
+    K2, K3 = joint(H[1], G[0]), joint(H[2], G[1])
+    start, end = aligned(H[0], p[6]), aligned(G[2], q[6])
     entered, left = abs(crossing(K2)), abs(crossing(K3))
-    if not (off_axis(H1, start) and off_axis(G4, end) and max(entered, left) > SINGULAR):
+    if not (off_axis(H[0], start) and off_axis(G[2], end) and max(entered, left) > SINGULAR):
         return 0
-    memory = workspace()
     # Read backwards, the cycle exchanges the roles of K2 and K3: take the direction in which the axes cross better.
     forwards = left >= entered
-    if forwards:
-        count = _close(K2, K3, start, end, memory, nearly_real)
-    else:
-        count = _close(backwards(K3), backwards(K2), end, start, memory, nearly_real)
-    H, G, found = (H1, H2, H3), (G2, G3, G4), memory[3:7]
+    if not forwards:
+        K2, K3, start, end = backwards(K3), backwards(K2), end, start
+    count = _close(K2, K3, start, end, memory, nearly_real)
     for i in range(count):
         for edge in range(3):
             k, sign = (2 * edge, 1.0) if forwards else (4 - 2 * edge, -1.0)
-            write_edge(T, i, edge, H[edge], G[edge], found[i, k], sign * found[i, k + 1])
+            write_edge(T[i, edge], H[edge], G[edge], found[i, k], sign * found[i, k + 1])
     return count
-
-
-@njit(**OPTIONS, inline="always")
-def solve(p: Floats, q: Floats, T: Floats) -> int:
-    """p, q (7, 3) matches of the edges 1-2, 2-3, 3-4 (two each) and 1-4; T (4, 3, 3, 4) receives 1 -> 2 -> 3 -> 4.
-
-    Returns the number of solutions, 0 to 4.
-    """
-    return solve_within(p, q, T, NEARLY_REAL)
-
-
-@njit(**OPTIONS)
-def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
-    for i in range(p.shape[0]):
-        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
-
-
-def solve_batch(p: Floats, q: Floats, nearly_real: float = NEARLY_REAL) -> tuple[Floats, Ints]:
-    """Samples p, q (b, 7, 3) to solutions T (b, 4, 3, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
-    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
-
-
-def cycle4(p: Floats, q: Floats, best: bool = False) -> Floats:
-    """Solutions (s, 3, 4, 4) of scans 1 -> 2 -> 3 -> 4 from matches p, q (7, 3) of 1-2, 2-3, 3-4 (two each), 1-4.
-
-    `best` keeps the one of least residual, which on exact data is an arbitrary one: no match is redundant.
-    """
-    return run_single(solve_batch, MATCHES, p, q, best)

@@ -34,9 +34,9 @@ from miniloop_cli.solvers._kernels.alignment import (
     Point,
     aligned,
     apply,
-    axis_frame,
     back_translation,
     crossing,
+    edge_frames,
     joint,
     off_axis,
     turned,
@@ -47,12 +47,11 @@ from miniloop_cli.solvers._kernels.alignment import (
 )
 from miniloop_cli.solvers._kernels.closing import close_loop, equidistant
 from miniloop_cli.solvers._kernels.cycle_rotation import poses_from_rotated, rotated_matches
-from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, roots_on_circle, workspace
+from miniloop_cli.solvers._kernels.polynomials import NEARLY_REAL, ROWS, roots_on_circle
 from miniloop_cli.solvers._kernels.trig_polynomials import Waves, conj, mix, norm_excess, product, value, waves
-from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.solvers.batch import minimal_solver
+from miniloop_cli.typing import Floats
 
-MATCHES = (2, 2, 2, 2, 2)
 MAX_SOLUTIONS = 8
 # The least `crossing` of two axes that still determines a matrix.
 SINGULAR = 1e-9
@@ -79,23 +78,14 @@ def _offset(
 
 @njit(**OPTIONS)
 def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
-    """Like `solve_within`, but -1 if M or M' is singular: then the cycle has to be read from another scan."""
-    H1, good_h1 = axis_frame(p, 0)
-    G2, good_g2 = axis_frame(q, 0)
-    H2, good_h2 = axis_frame(p, 2)
-    G3, good_g3 = axis_frame(q, 2)
-    H3, good_h3 = axis_frame(p, 4)
-    G4, good_g4 = axis_frame(q, 4)
-    H4, good_h4 = axis_frame(p, 6)
-    G5, good_g5 = axis_frame(q, 6)
-    _, good_p = axis_frame(p, 8)
-    _, good_q = axis_frame(q, 8)
-    if not (good_h1 and good_g2 and good_h2 and good_g3 and good_h3 and good_g4 and good_h4 and good_g5):
+    """Like `cycle5`, but -1 if M or M' is singular: then the cycle has to be read from another scan."""
+    room, found = np.empty((ROWS + 10, 12)), np.empty((8, 8))
+    memory, H, G = room[:ROWS], room[ROWS : ROWS + 5], room[ROWS + 5 :]
+    if not edge_frames(p, q, H, G):
         return 0
-    K2, K3, K4 = joint(H2, G2), joint(H3, G3), joint(H4, G4)
-    p1, p2, q1, q2 = equidistant(aligned(H1, p, 8), aligned(H1, p, 9), aligned(G5, q, 8), aligned(G5, q, 9))
-    on_axis = not (off_axis(H1, p1) or off_axis(H1, p2)) or not (off_axis(G5, q1) or off_axis(G5, q2))
-    if on_axis or not (good_p and good_q):
+    K2, K3, K4 = joint(H[1], G[0]), joint(H[2], G[1]), joint(H[3], G[2])
+    p1, p2, q1, q2 = equidistant(aligned(H[0], p[8]), aligned(H[0], p[9]), aligned(G[3], q[8]), aligned(G[3], q[9]))
+    if not (off_axis(H[0], p1) or off_axis(H[0], p2)) or not (off_axis(G[3], q1) or off_axis(G[3], q2)):
         return 0
     u, back = back_translation(K3), back_translation(K4)
     M = K3[6], K3[7], u[0], u[1]
@@ -112,9 +102,9 @@ def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> in
     m, n = 0.5 * complex(a00 + a11, a10 - a01), 0.5 * complex(a00 - a11, a10 + a01)
     u2 = back_translation(K2)
     k2 = K2[9] * K2[9] + K2[10] * K2[10] + K2[11] * K2[11] + t2
-    v1, v2 = waves(turned(K2, 0, p1), turned(K2, 1, p1)), waves(turned(K2, 0, p2), turned(K2, 1, p2))
+    (x1, y1, z1), (x2, y2, z2) = turned(K2, p1), turned(K2, p2)
+    v1, v2 = waves(x1, y1), waves(x2, y2)
     c1, c2 = complex(q1[0], q1[1]), complex(q2[0], q2[1])
-    z1, z2 = turned(K2, 2, p1), turned(K2, 2, p2)
     half1 = 0.5 * (q1[0] * q1[0] + q1[1] * q1[1] + q1[2] * q1[2] + s2) - K4[11] * q1[2]
     half2 = 0.5 * (q2[0] * q2[0] + q2[1] * q2[1] + q2[2] * q2[2] + s2) - K4[11] * q2[2]
     h1 = _offset(K3, u, z1, turned_norm(u2, k2, p1), K4[8] * q1[2] - back[2], half1, N)
@@ -127,12 +117,11 @@ def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> in
     x, y = product(conj(P), P), product(conj(Q), Q)
     W = complex(x[2].real - y[2].real, 0.0), x[3] - y[3], x[4] - y[4]
 
-    memory, found = workspace(), np.empty((8, 8))
     order, residuals = np.empty(8, np.int64), np.empty(8)
     norm_excess(B, W, memory[0])
 
     count = 0
-    for i in range(roots_on_circle(memory, 4, nearly_real)):
+    for i in range(roots_on_circle(memory, np.int64(4), nearly_real)):
         e = complex(memory[1, i], memory[2, i])
         Pa, Qa, ha = value(P, e), value(Q, e), value(h, e)
         b = (Pa.conjugate() * ha - Qa * ha.conjugate()) * (abs(Pa) - abs(Qa))
@@ -144,10 +133,10 @@ def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> in
         d += c2.conjugate() * (m * w2 + n * w2.conjugate() + value(h2, e))
         d *= N[0] * N[3] - N[1] * N[2]
         d, good_d = unit(d)
-        x1, x2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
+        a1, a2 = apply(K3, w1.real, w1.imag, zv1), apply(K3, w2.real, w2.imag, zv2)
         w1, w2 = c1 * d, c2 * d
-        y1, y2 = unapply(K4, w1.real, w1.imag, q1[2]), unapply(K4, w2.real, w2.imag, q2[2])
-        g = complex(x1[0], -x1[1]) * complex(y1[0], y1[1]) + complex(x2[0], -x2[1]) * complex(y2[0], y2[1])
+        b1, b2 = unapply(K4, w1.real, w1.imag, q1[2]), unapply(K4, w2.real, w2.imag, q2[2])
+        g = complex(a1[0], -a1[1]) * complex(b1[0], b1[1]) + complex(a2[0], -a2[1]) * complex(b2[0], b2[1])
         g, good_g = unit(g)
         if not (good_b and good_d and good_g):
             continue
@@ -160,53 +149,29 @@ def _solve_from_first(p: Floats, q: Floats, T: Floats, nearly_real: float) -> in
             k -= 1
         order[k], residuals[k] = count, residual
         count += 1
-    H, G = (H1, H2, H3, H4), (G2, G3, G4, G5)
     for s in range(count):
         k = order[s]
         for edge in range(4):
-            write_edge(T, s, edge, H[edge], G[edge], found[k, 2 * edge], found[k, 2 * edge + 1])
+            write_edge(T[s, edge], H[edge], G[edge], found[k, 2 * edge], found[k, 2 * edge + 1])
     return count
 
 
-@njit(**OPTIONS)
-def solve_within(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
-    """Like `solve`; complex pairs with an imaginary part below `nearly_real` (rad) give their real part, 0: none."""
-    count = _solve_from_first(p, q, T, nearly_real)
-    if count < 0:
-        new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
-        for start in range(1, 5):
-            rotated_matches(start, p, q, new_p, new_q)
-            count = _solve_from_first(new_p, new_q, new_T, nearly_real)
-            if count >= 0:
-                for s in range(count):
-                    poses_from_rotated(start, new_T, T, s)
-                break
-    return max(count, 0)
-
-
-@njit(**OPTIONS, inline="always")
-def solve(p: Floats, q: Floats, T: Floats) -> int:
+@minimal_solver(matches=(2, 2, 2, 2, 2), solutions=MAX_SOLUTIONS, nearly_real=NEARLY_REAL)
+def cycle5(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     """p, q (10, 3) matches, two each of 1-2, 2-3, 3-4, 4-5, 1-5; T (8, 4, 3, 4) receives 1 -> 2 -> 3 -> 4 -> 5.
 
-    Returns the number of solutions, 0 to 8, best closing residual first.
+    Returns the number of solutions, 0 to 8, best closing residual first. Complex pairs with an imaginary part below
+    `nearly_real` (rad) give their real part, 0: none.
     """
-    return solve_within(p, q, T, NEARLY_REAL)
-
-
-@njit(**OPTIONS)
-def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
-    for i in range(p.shape[0]):
-        counts[i] = solve_within(p[i], q[i], T[i], nearly_real)
-
-
-def solve_batch(p: Floats, q: Floats, nearly_real: float = NEARLY_REAL) -> tuple[Floats, Ints]:
-    """Samples p, q (b, 10, 3) to solutions T (b, 8, 4, 3, 4) and counts (b,); `nearly_real` as in solve_within."""
-    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q, nearly_real)
-
-
-def cycle5(p: Floats, q: Floats, best: bool = False) -> Floats:
-    """Solutions (s, 4, 4, 4) of scans 1 -> .. -> 5, best first, from matches p, q (10, 3), two each of 1-2, .., 1-5.
-
-    `best` keeps the one of least residual, on exact data the true one.
-    """
-    return run_single(solve_batch, MATCHES, p, q, best)
+    new_p, new_q, new_T = p, q, T
+    for start in range(5):
+        if start == 1:
+            new_p, new_q, new_T = np.empty((10, 3)), np.empty((10, 3)), np.empty((MAX_SOLUTIONS, 4, 3, 4))
+        if start:
+            rotated_matches(start, p, q, new_p, new_q)
+        count = _solve_from_first(new_p, new_q, new_T, nearly_real)
+        if count >= 0:
+            for s in range(count if start else 0):
+                poses_from_rotated(start, new_T, T, s)
+            return count
+    return 0

@@ -10,18 +10,14 @@ Filtered: a match right above another in the same scan (no arm), arms out of rea
 
 from __future__ import annotations
 
-from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
+from miniloop_cli.solvers._kernels.alignment import unit
 from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
-from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.typing import Floats, Ints
-
-MATCHES = (1, 1, 1)
-MAX_SOLUTIONS = 2
+from miniloop_cli.solvers.batch import minimal_solver
+from miniloop_cli.typing import Floats
 
 
-@njit(**OPTIONS)
-def solve(p: Floats, q: Floats, T: Floats) -> int:
+@minimal_solver(matches=(1, 1, 1), solutions=2)
+def planar3(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (3, 3) matches of 1-2, 2-3, 1-3; T (2, 2, 3, 4) receives 1 -> 2 -> 3; returns 0 to 2."""
     a, b, t = xy(p, 2) - xy(p, 0), xy(q, 2) - xy(q, 1), xy(q, 0) - xy(p, 1)
     first, second, found = turns_reaching(t, a, abs(b))
@@ -36,22 +32,3 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
             write_upright(T, count, 1, p, q, B, up2 + spread)
             count += 1
     return count
-
-
-@njit(**OPTIONS)
-def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
-    for i in range(p.shape[0]):
-        counts[i] = solve(p[i], q[i], T[i])
-
-
-def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
-    """Samples p, q (b, 3, 3) to solutions T (b, 2, 2, 3, 4) and counts (b,), one thread."""
-    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
-
-
-def planar3(p: Floats, q: Floats, best: bool = False) -> Floats:
-    """Solutions (s, 2, 4, 4) of scans 1 -> 2 -> 3 from matches p, q (3, 3) of 1-2, 2-3, 1-3; z is vertical.
-
-    `best` keeps the one of least residual, an arbitrary one: both fit equally well.
-    """
-    return run_single(solve_batch, MATCHES, p, q, best)

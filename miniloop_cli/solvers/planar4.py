@@ -12,18 +12,14 @@ Filtered: closing matches one above the other, t_2 or t_3 vertical (no link), ar
 
 from __future__ import annotations
 
-from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.solvers._kernels.alignment import OPTIONS, unit
+from miniloop_cli.solvers._kernels.alignment import unit
 from miniloop_cli.solvers._kernels.known_vertical import finite, height_change, turns_reaching, write_upright, xy
-from miniloop_cli.solvers.batch import run_batch, run_single
-from miniloop_cli.typing import Floats, Ints
-
-MATCHES = (1, 1, 1, 2)
-MAX_SOLUTIONS = 2
+from miniloop_cli.solvers.batch import minimal_solver
+from miniloop_cli.typing import Floats
 
 
-@njit(**OPTIONS)
-def solve(p: Floats, q: Floats, T: Floats) -> int:
+@minimal_solver(matches=(1, 1, 1, 2), solutions=2)
+def planar4(p: Floats, q: Floats, T: Floats) -> int:
     """p, q (5, 3) matches of 1-2, 2-3, 3-4, then two of 1-4; T (2, 3, 3, 4) gets 1 -> 2 -> 3 -> 4; returns 0 to 2."""
     t2, t3 = xy(q, 0) - xy(p, 1), xy(q, 1) - xy(p, 2)
     hand, good_hand = unit((xy(p, 4) - xy(p, 3)).conjugate() * (xy(q, 4) - xy(q, 3)))
@@ -43,22 +39,3 @@ def solve(p: Floats, q: Floats, T: Floats) -> int:
             write_upright(T, count, 2, p, q, hand * AB.conjugate(), up3 + spread)
             count += 1
     return count
-
-
-@njit(**OPTIONS)
-def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
-    for i in range(p.shape[0]):
-        counts[i] = solve(p[i], q[i], T[i])
-
-
-def solve_batch(p: Floats, q: Floats) -> tuple[Floats, Ints]:
-    """Samples p, q (b, 5, 3) to solutions T (b, 2, 3, 3, 4) and counts (b,), one thread."""
-    return run_batch(_solve_all, MATCHES, MAX_SOLUTIONS, p, q)
-
-
-def planar4(p: Floats, q: Floats, best: bool = False) -> Floats:
-    """Solutions (s, 3, 4, 4) of scans 1 -> .. -> 4 from matches p, q (5, 3) of 1-2, 2-3, 3-4, then two of 1-4.
-
-    z is vertical. `best` keeps the one of least residual, an arbitrary one: both fit equally well.
-    """
-    return run_single(solve_batch, MATCHES, p, q, best)

@@ -81,6 +81,7 @@ def _key(how: How, index: int, run: Run) -> str:
     sequence, features, depth = how
     frame = sequence.frames[index]
     files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
-    camera = replace(sequence.camera, source="")  # how the camera was found does not change a feature
+    # How the camera was found does not change a feature.
+    camera = (replace(sequence.camera, source=""), replace(frame.camera, source="") if frame.camera else None)
     version = FEATURE_TYPES[features.type].version
     return run.store.key(FEATURES, (files, features, version, depth, camera, sequence.depth_format))

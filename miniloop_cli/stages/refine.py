@@ -9,30 +9,44 @@ from miniloop_cli.refinement.inputs import Refined, Scans
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
+from miniloop_cli.scene.priors import Vertical
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.stages.artifacts import REFINED
 from miniloop_cli.stages.run import Run
 
 
-def refine(poses: Poses, edges: EdgeTable, scans: ScanSet, method: Refinement, bundle: Bundle, run: Run) -> Refined:
-    """Poses of the largest component, refined from those given and the edges used in it; the others as they are."""
+def refine(
+    poses: Poses,
+    edges: EdgeTable,
+    scans: ScanSet,
+    method: Refinement,
+    bundle: Bundle,
+    vertical: Vertical | None,
+    run: Run,
+) -> Refined:
+    """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
+
+    `vertical`: what an accelerometer says of it; the poses come out level then, z up.
+    """
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
+    inputs = Scans(
+        scans.features, scans.points, scans.stamps_s, scans.depth_stamps_s, scans.camera, scans.feature_type, vertical
+    )
     if method == "none" or not len(inside):
-        return Refined(poses, np.full((len(scans), 6, 6), np.nan))
+        from miniloop_cli.refinement.joint import level
+
+        return Refined(level(poses, inputs)[0], np.full((len(scans), 6, 6), np.nan))
 
     def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.
         from miniloop_cli.refinement.joint import refine_jointly
 
-        inputs = Scans(
-            scans.features, scans.points, scans.stamps_s, scans.depth_stamps_s, scans.camera, scans.feature_type
-        )
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers)
         timing_s = np.array([found.timing.readout_s, found.timing.lag_s])
         return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing_s}
 
-    key = (scans.key, scans.stamps_s, scans.depth_stamps_s, poses, inside, method, bundle)
+    key = (scans.key, scans.stamps_s, scans.depth_stamps_s, inputs.accelerometer, poses, inside, method, bundle)
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
     return Refined(Poses(kept["T_world_cam"], poses.component), kept["covariance"], timing)

@@ -15,12 +15,12 @@ from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, unsolved_edge, weakest_last
 from miniloop_cli.ransac.distance_consistency import consistent
 from miniloop_cli.ransac.estimate import estimate
-from miniloop_cli.ransac.search import SOLVERS
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.solvers import solver_name
 from miniloop_cli.stages.artifacts import EDGES
 from miniloop_cli.stages.match import match_arrays
 from miniloop_cli.stages.run import Run
@@ -144,7 +144,7 @@ def _solve_cycle(
     result = estimate(inputs, settings.ransac, settings.verification.chi2, rng)
     if result is None:
         return [unsolved_edge(pair, matches, len(cycle)) for pair in chain]
-    solver, cycle_number = SOLVERS[len(cycle)].name, number if len(cycle) > 2 else -1
+    solver, cycle_number = solver_name(len(cycle)), number if len(cycle) > 2 else -1
     return [
         judged_edge(pair, found, matches, solver, result.hypotheses, settings.verification, cycle_number)
         for pair, found in zip(chain, result.edges, strict=True)

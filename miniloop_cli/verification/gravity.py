@@ -8,19 +8,21 @@ the hand shakes, so it only finds the pose: the pose itself is then fitted to th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 
-from miniloop_cli.config import Gravity, Settings
+from miniloop_cli.config import Estimation, Gravity
+from miniloop_cli.errors import InputError
 from miniloop_cli.graph.cycles import decompose
 from miniloop_cli.graph.overlap import overlap_graph
 from miniloop_cli.ransac.cycle_edges import directed, judged_edge, sides, weakest_last
 from miniloop_cli.ransac.gravity_aligned import estimate_upright
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
+from miniloop_cli.scene.priors import Accelerometer, Vertical
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Floats
 
@@ -30,105 +32,105 @@ LONGEST = 4  # scans in a cycle of the known-vertical solvers
 MIN_SIGMA_DEG = 1.0  # no accelerometer is better
 REJECT_FACTOR = 4.0  # times the disagreement of sure edges: this is no chance
 MAX_AXES_RATIO = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
+RIVAL_COSINE = 0.5  # axes under which up points so far elsewhere would lay the model on its side
 
 
-def disagreement_deg(edges: Sequence[Edge], up_cam: Floats) -> Floats:
+def disagreement_deg(edges: EdgeTable, up_cam: Floats) -> Floats:
     """(m,) angle between the vertical of scan j and that of scan i turned by the edge; NaN where one is not known.
 
     up_cam (n, 3) unit vectors, NaN where there is none.
     """
-    if not edges:
-        return np.zeros(0)
-    i, j = np.array([edge.pair for edge in edges]).T
-    turned = np.einsum("mij,mj->mi", np.array([edge.T_j_i[:3, :3] for edge in edges]), up_cam[i])
-    return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_cam[j]), axis=1), (turned * up_cam[j]).sum(axis=1)))
+    turned, up_j = np.einsum("mij,mj->mi", edges.T_j_i[:, :3, :3], up_cam[edges.i]), up_cam[edges.j]
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(turned, up_j), axis=1), (turned * up_j).sum(axis=1)))
 
 
-@dataclass(frozen=True)
-class Vertical:
-    """up_cam (n, 3) unit vectors in the axes of the cameras, NaN where there is none, and how far they are off."""
+def checked(edges: EdgeTable, accelerometer: Accelerometer, settings: Gravity) -> tuple[Vertical | None, str]:
+    """The readings in the camera's axes, and what is to be said of them; None where too few edges can tell.
 
-    up_cam: Floats
-    sigma_deg: float
-
-
-def checked(edges: Sequence[Edge], up_sensor: Floats, settings: Gravity) -> tuple[Vertical | None, str]:
-    """The verticals in the camera's axes where they agree with the edges that were found freely, else None; and why.
-
-    `sigma_deg` of what is returned is what they are off from these edges.
     Sensors have axes of their own. The camera's are taken where they agree, else those of the 24 ways to put one
-    right-handed system of axes on another that agree best (a vector that points down instead of up is as good).
+    right-handed system of axes on another that agree best with the edges that were found freely. Raises InputError
+    where none agrees within `max_median_deg`, at the median.
     """
-    known = np.isfinite(up_sensor).all(axis=1)
-    sure = [
-        e
-        for e in edges
-        if e.verdict == Verdict.VERIFIED and e.inlier_count >= SURE_INLIERS and known[e.i] and known[e.j]
-    ]
+    known = np.all(np.isfinite(accelerometer.up), axis=1)
+    sure = edges.subset(edges.verified & (edges.inlier_count >= SURE_INLIERS) & known[edges.i] & known[edges.j])
     if len(sure) < MIN_SURE_EDGES:
         return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
     axes = _axes()
-    medians = [float(np.median(disagreement_deg(sure, up_sensor @ M.T))) for M in axes]
+    medians = [float(np.median(disagreement_deg(sure, accelerometer.up @ M.T))) for M in axes]
     best = int(np.argmin(medians))
-    if medians[0] <= settings.max_median_deg and medians[best] > MAX_AXES_RATIO * medians[0]:
+    if medians[0] <= settings.max_median_deg and max(medians[best], MIN_SIGMA_DEG) > MAX_AXES_RATIO * medians[0]:
         best = 0
-    said = f"{medians[best]:.1f} deg from {len(sure)} sure edges (median)"
     if medians[best] > settings.max_median_deg:
-        return None, f"gravity is not used: it is {said}, whatever its axes; is the file of this recording?"
-    if best:
-        said += f", with the sensor's axes as {_named(axes[best])}"
-    return Vertical(up_sensor @ axes[best].T, max(medians[best], MIN_SIGMA_DEG)), f"gravity is used: {said}"
+        raise InputError(
+            f"{accelerometer.source}: disagrees with {len(sure)} sure edges by {medians[best]:.1f} deg (median), "
+            f"whatever the sensor's axes (best: {_named(axes[best])}); is it of this recording, on the same clock? "
+            "Leave --gravity out, or widen gravity.max_median_deg"
+        )
+    found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG))
+    note = (
+        f"gravity is used: {medians[best]:.1f} deg from {len(sure)} sure edges (median), "
+        f"with the sensor's axes as {_named(axes[best])}"
+        f"{_rivals(axes, medians, best, accelerometer.up[known], settings.max_median_deg)}"
+    )
+    return found, note
+
+
+def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats, most_deg: float) -> str:
+    """What to add where other axes, under which up is elsewhere, agree nearly as well, and within most_deg."""
+    apart = [np.median((up @ axes[best].T * (up @ M.T)).sum(axis=1)) < RIVAL_COSINE for M in axes]
+    limit = min(max(medians[best], MIN_SIGMA_DEG) / MAX_AXES_RATIO, most_deg)
+    rivals = [k for k in range(len(axes)) if apart[k] and medians[k] < limit]
+    if not rivals:
+        return ""
+    closest = min(rivals, key=lambda k: medians[k])
+    return f" (not certain: {_named(axes[closest])} is {medians[closest]:.1f} deg off)"
 
 
 def with_gravity(
-    edges: Sequence[Edge],
+    edges: EdgeTable,
     vertical: Vertical,
     matches: Matches,
     points: Sequence[ScanPoints],
-    settings: Settings,
+    estimation: Estimation,
+    settings: Gravity,
     seed: int,
     workers: Workers,
-) -> list[Edge]:
+) -> EdgeTable:
     """The edges, those not verified tried again with the vertical known, and all judged by it.
 
     Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_bridge_inliers`
     inliers they need no loop of edges that confirms them.
     """
-    known = np.isfinite(vertical.up_cam).all(axis=1)
-    weak = {(e.i, e.j): e for e in edges if e.verdict != Verdict.VERIFIED and known[e.i] and known[e.j]}
-    better = dict(weak)
-    open_edges = {pair: matches[pair] for pair in weak}
-    for longest in range(min(LONGEST, settings.cycles.longest), 1, -1):
-        cycles = decompose(overlap_graph(len(points), open_edges), longest, settings.cycles.decomposition)
+    known = np.all(np.isfinite(vertical.up_cam), axis=1)
+    weak = edges.subset(~edges.verified & known[edges.i] & known[edges.j])
+    better = {edge.pair: edge for edge in weak.edges()}
+    open_edges = {pair: matches[pair] for pair in better}
+    for longest in range(min(LONGEST, estimation.cycles.longest), 1, -1):
+        cycles = decompose(overlap_graph(len(points), open_edges), longest, estimation.cycles.decomposition)
 
         def solve(cycle: tuple[int, ...]) -> list[Edge]:
-            return _solve(cycle, vertical, matches, points, settings, seed)
+            return _solve(cycle, vertical, matches, points, estimation, seed)
 
         for found in workers.map(solve, cycles, f"known vertical, {longest} scans", len(cycles)):
             for edge in found:
-                if edge.inlier_count > better[edge.i, edge.j].inlier_count:
-                    better[edge.i, edge.j] = edge
-        open_edges = {pair: rows for pair, rows in open_edges.items() if better[pair].verdict != Verdict.VERIFIED}
-    edges = [better.get((edge.i, edge.j), edge) for edge in edges]
-    off = disagreement_deg(edges, vertical.up_cam)
-    limit = max(settings.gravity.max_deg, REJECT_FACTOR * vertical.sigma_deg)
-    return [_judged(edge, angle, limit, settings.gravity) for edge, angle in zip(edges, off, strict=True)]
+                if edge.inlier_count > better[edge.pair].inlier_count:
+                    better[edge.pair] = edge
+        open_edges = {pair: matches[pair] for pair, edge in better.items() if edge.verdict != Verdict.VERIFIED}
+    return _judged(edges.replaced(list(better.values())), vertical, settings)
 
 
-def _judged(edge: Edge, angle_deg: float, most_deg: float, settings: Gravity) -> Edge:
-    if edge.verdict == Verdict.REJECTED or np.isnan(angle_deg):
-        return edge
-    if angle_deg > most_deg:
-        return replace(
-            edge, verdict=Verdict.REJECTED, rejection=Rejection.CONTRADICTS_GRAVITY, detail=(float(angle_deg), 0.0)
-        )
-    if angle_deg > settings.agree_deg:
-        return edge
+def _judged(edges: EdgeTable, vertical: Vertical, settings: Gravity) -> EdgeTable:
+    """Reject edges that contradict the vertical; verify and confirm open ones that agree with it."""
+    off_deg = disagreement_deg(edges, vertical.up_cam)
+    limit_deg = max(settings.max_deg, REJECT_FACTOR * vertical.sigma_deg)
+    agrees = edges.open & (off_deg <= min(settings.agree_deg, limit_deg))  # NaN compares false
+    judged = edges.reject(off_deg > limit_deg, Rejection.CONTRADICTS_GRAVITY, off_deg)
     return replace(
-        edge,
-        verdict=Verdict.VERIFIED,
-        rejection=Rejection.NONE,
-        confirmed=edge.inlier_count >= settings.min_bridge_inliers,
+        judged,
+        verdict=np.where(agrees, Verdict.VERIFIED, judged.verdict),
+        rejection=np.where(agrees, Rejection.NONE, judged.rejection),
+        loops=np.where(agrees, 0, judged.loops),
+        confirmed=np.where(agrees, judged.inlier_count >= settings.min_bridge_inliers, judged.confirmed),
     )
 
 
@@ -137,7 +139,7 @@ def _solve(
     vertical: Vertical,
     matches: Matches,
     points: Sequence[ScanPoints],
-    settings: Settings,
+    estimation: Estimation,
     seed: int,
 ) -> list[Edge]:
     cycle = weakest_last(cycle, matches)
@@ -145,11 +147,11 @@ def _solve(
     inputs = [directed(points, pair, matches) for pair in chain]
     rng = np.random.default_rng([seed, len(cycle), *cycle])
     up_cam, sigma_rad = vertical.up_cam[list(cycle)], np.radians(vertical.sigma_deg)
-    found = estimate_upright(inputs, up_cam, sigma_rad, settings.ransac, settings.verification.chi2, rng)
+    found = estimate_upright(inputs, up_cam, sigma_rad, estimation.ransac, estimation.verification.chi2, rng)
     if found is None:
         return []
     return [
-        judged_edge(pair, estimate, matches, f"planar{len(cycle)}", found.hypotheses, settings.verification)
+        judged_edge(pair, estimate, matches, f"planar{len(cycle)}", found.hypotheses, estimation.verification)
         for pair, estimate in zip(chain, found.edges, strict=True)
     ]
 

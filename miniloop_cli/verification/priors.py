@@ -9,7 +9,7 @@ from miniloop_cli.config import Settings
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
-from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.priors import Priors, Vertical
 from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.verification.gravity import checked, with_gravity
 from miniloop_cli.verification.pose_prior import reject_by_pose_prior
@@ -25,23 +25,23 @@ def apply_priors(
     settings: Settings,
     seed: int,
     workers: Workers,
-) -> tuple[EdgeTable, tuple[str, ...]]:
-    """The edges after gravity and rough poses, where they were given, and what is to be said of it.
+) -> tuple[EdgeTable, Vertical | None, tuple[str, ...]]:
+    """The edges after gravity and a pose prior, where they were given; the vertical; and what is to be said of it.
 
-    Raises InputError for rough poses that most edges contradict.
+    Raises InputError for an accelerometer or for a pose prior that most edges contradict.
     """
-    notes = []
-    if priors.up_sensor is not None:
-        vertical, note = checked(edges.edges(), priors.up_sensor, settings.gravity)
+    notes, vertical = [], None
+    if priors.accelerometer is not None:
+        vertical, note = checked(edges, priors.accelerometer, settings.gravity)
         notes.append(note)
         if vertical is None:
             LOG.warning("%s", note)
         else:
             LOG.info("%s", note)
-            edges = EdgeTable.of(with_gravity(edges.edges(), vertical, matches, points, settings, seed, workers))
+            edges = with_gravity(edges, vertical, matches, points, settings.estimation, settings.gravity, seed, workers)
     if priors.T_world_cam is not None:
         edges = reject_by_pose_prior(edges, priors.T_world_cam, settings.pose_prior)
         against = int((edges.rejection == Rejection.CONTRADICTS_POSE_PRIOR).sum())
-        notes.append(f"pose prior is used: {against} edges contradict them")
+        notes.append(f"pose prior is used: {against} edges contradict it")
         LOG.info("%s", notes[-1])
-    return edges, tuple(notes)
+    return edges, vertical, tuple(notes)

@@ -40,7 +40,7 @@ def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _triangles(
     pairs: Ints, T_j_i: Floats, start: Ints, neighbour: Ints, edge: Ints, out: Bools, near: Near
 ) -> tuple[Ints, Ints]:

@@ -49,6 +49,7 @@ def test_exact_scene_is_solved_by_all():
         assert 79 < inliers < 83
 
 
+@pytest.mark.slow
 def test_refined_5_cycle_beats_pairs():
     results = [run_trial([1, i], 0.03, 0.2) for i in range(15)]
     pairs, cycle = (
@@ -58,6 +59,7 @@ def test_refined_5_cycle_beats_pairs():
     assert cycle < 0.7 * pairs
 
 
+@pytest.mark.slow
 def test_rows_and_files(tmp_path):
     def run(jobs):
         result = CliRunner().invoke(

@@ -48,6 +48,7 @@ def rows_of(output, name, *arguments):
     return rows
 
 
+@pytest.mark.slow
 def test_minisequences(folder, tmp_path):
     rows = rows_of(tmp_path, "minisequences", str(folder), "--loops", "6", "--min-matches", "20", "--config", "default")
     assert [row["method"] for row in rows] == 2 * list(PAPER_NUMBERS)
@@ -63,6 +64,7 @@ def test_minisequences(folder, tmp_path):
     assert rows[3]["paper_rot_deg_mean"] == 0.77 and rows[3]["paper_trans_better"] == 0.46
 
 
+@pytest.mark.slow
 def test_minisequences_do_not_depend_on_the_jobs(folder, tmp_path):
     arguments = (str(folder), "--loops", "3", "--min-matches", "20", "--config", "default")
     one, two = (rows_of(tmp_path, "minisequences", *arguments, "-j", jobs) for jobs in ("1", "2"))
@@ -95,6 +97,7 @@ def test_better_and_equal_are_counted_as_in_the_paper():
     assert row["rot_deg_mean"] == pytest.approx(mine[:, 0].mean()) and row["trans_cm_median"] == pytest.approx(1.950025)
 
 
+@pytest.mark.slow
 def test_threshold_is_found_by_the_number_of_edges(graph):
     assert paper_sequence("rgbd_dataset_freiburg1_xyz") == "freiburg1_xyz" and paper_sequence("freiburg1_desk") is None
     for wanted in (10, 25):
@@ -105,6 +108,7 @@ def test_threshold_is_found_by_the_number_of_edges(graph):
     assert share == pytest.approx(1751 / 4950, abs=0.03)
 
 
+@pytest.mark.slow
 def test_tables(folder, graph, tmp_path):
     rows = rows_of(tmp_path, "tables", str(folder), "--config", "default")
     cycles, errors = ([row for row in rows if row["table"] == name] for name in ("cycles", "errors"))

@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.bench.problems import noisy_cycle, random_problems, random_rotations
-from miniloop_cli.bench.solvers import SOLVERS, solver_rows
+from miniloop_cli.bench.solvers import solver_rows
 from miniloop_cli.cli.bench import bench
 from miniloop_cli.geometry import se3
+from miniloop_cli.solvers import SOLVERS
 from miniloop_cli.solvers.batch import match_residuals
 
 KEYS = {
@@ -35,6 +36,7 @@ def test_random_rotations_are_uniform(rng):
     np.testing.assert_allclose((R**2).mean(axis=0), 1 / 3, atol=0.02)
 
 
+@pytest.mark.slow
 def test_rows_and_files(tmp_path):
     result = CliRunner().invoke(
         bench, ["solvers", "--problems", "300", "-o", str(tmp_path), "--json", "-", "-q"], catch_exceptions=False
@@ -53,6 +55,7 @@ def test_rows_and_files(tmp_path):
     assert (tmp_path / "solvers.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_table_names_the_paper(tmp_path):
     result = CliRunner().invoke(bench, ["solvers", "--problems", "50", "-o", str(tmp_path)], catch_exceptions=False)
     assert "us paper" in result.stdout and "2.495e+04" in result.stdout

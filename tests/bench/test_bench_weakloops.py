@@ -91,6 +91,7 @@ def test_truth_decides(overlaps):
     ) < 0.2 * len(edge)
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_jobs(folder, tmp_path):
     def run(jobs):
         arguments = ["weakloops", str(folder), "--edges", "6", "--hypotheses", "100", "-o", str(tmp_path)]

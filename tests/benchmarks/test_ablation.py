@@ -14,6 +14,7 @@ from miniloop_cli.api import evaluate, register, simulate
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.stages.artifacts import EDGES, FEATURES
 
 LENS = (0.26, -0.95, 0.0, 0.0, 1.16)
 NAMES = ["ROS camera", "pairwise only", "averaging only"]
@@ -45,6 +46,7 @@ def rows(folder, tmp_path_factory):
     return {row["variant"]: row for row in json.loads(result.stdout)["rows"]}
 
 
+@pytest.mark.slow
 def test_rows_say_what_was_measured(rows):
     for row in rows.values():
         assert row["frames"] == 8 == row["registered"]
@@ -57,17 +59,20 @@ def test_rows_say_what_was_measured(rows):
         assert 0 < row["estimate_deg"] < 2 and 0 < row["estimate_cm"] < 5 and row["wrong_share"] == 0
 
 
+@pytest.mark.slow
 def test_a_step_taken_away_costs_accuracy(rows):
     assert rows["default"]["ate_cm"] < 2
     assert rows["ROS camera"]["ate_cm"] > 1.5 * rows["default"]["ate_cm"]
 
 
+@pytest.mark.slow
 def test_every_stage_is_timed_in_every_row(rows):
     for row in rows.values():
         assert min(row[f"{stage}_s"] for stage in ("matching", "edges", "averaging")) > 0
     assert rows["averaging only"]["refinement_s"] < rows["default"]["refinement_s"]
 
 
+@pytest.mark.slow
 def test_agrees_with_register_and_eval(rows, folder, tmp_path):
     register(folder, tmp_path / "result")
     numbers = evaluate(tmp_path / "result", folder, protocol=PROTOCOL).numbers
@@ -76,12 +81,14 @@ def test_agrees_with_register_and_eval(rows, folder, tmp_path):
     assert rows["default"]["edge_deg"] == pytest.approx(numbers["rpe"]["edges"]["rot_deg_mean"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_edges_of_a_file(folder, tmp_path):
     (tmp_path / "edges.txt").write_text("0 1\n1 2  # all\n0 7\n")
     (row,) = ablation_rows([folder], ["default"], [tmp_path / "edges.txt"])
     assert row["edges_scored"] == 3
 
 
+@pytest.mark.slow
 def test_nothing_registered_is_a_row_with_its_reason(tmp_path):
     blank = simulate(tmp_path / "blank", frames=4, width=160, height=120, scene="textureless", noise=False)
     (row,) = ablation_rows([blank], ["default"])
@@ -117,10 +124,10 @@ def test_list_needs_no_recording():
 
 def test_only_features_are_kept(tmp_path):
     store = FeatureStore(tmp_path)
-    for kind in ("features", "edges"):
-        store.save(kind, "k", {"x": np.arange(3)})
-    assert store.load("features", "k")["x"].tolist() == [0, 1, 2]
-    assert store.load("edges", "k") is None
-    assert Store(tmp_path).load("edges", "k") is None
-    Store(tmp_path).save("edges", "k", {"x": np.arange(3)})
-    assert store.load("edges", "k") is None
+    for artifact in (FEATURES, EDGES):
+        store.save(artifact, "k", {"x": np.arange(3)})
+    assert store.load(FEATURES, "k")["x"].tolist() == [0, 1, 2]
+    assert store.load(EDGES, "k") is None
+    assert Store(tmp_path).load(EDGES, "k") is None
+    Store(tmp_path).save(EDGES, "k", {"x": np.arange(3)})
+    assert store.load(EDGES, "k") is None

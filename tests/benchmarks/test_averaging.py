@@ -65,6 +65,7 @@ def test_impossible_graphs_are_refused(kind, edges, outliers):
         view_graph(kind, 10, edges, outliers, 0.0, 0.0, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_command_writes_rows_and_picture(tmp_path):
     arguments = "averaging --scans 100 --edges 600 --outliers 10 --kind expander --json - -q".split()
     result = CliRunner().invoke(benchmarks, [*arguments, "-o", str(tmp_path)])

@@ -37,6 +37,7 @@ def rows(folder, output, *arguments):
     return json.loads(result.stdout)["rows"]
 
 
+@pytest.mark.slow
 def test_rows_and_files(folder, tmp_path):
     found = rows(folder, tmp_path, "--longest", "5", "-j", "1")
     assert [row["longest"] for row in found] == [2, 5]

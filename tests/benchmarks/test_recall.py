@@ -3,12 +3,14 @@
 import csv
 import json
 
+import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import simulate
 
 
+@pytest.mark.slow
 def test_rows_and_files(tmp_path, monkeypatch):
     monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
     folder = simulate(tmp_path / "sim", frames=14, width=320, height=240, path="loop")

@@ -74,6 +74,7 @@ def test_errors_in_sigmas_are_normal_for_noise_that_is_as_promised(rng):
         ("three frames", 3),
     ],
 )
+@pytest.mark.slow
 def test_small_scenes_get_the_right_answer(name, frames):
     row = scene_row(name, SCENES[name], frames, 320, 0, Workers(2))
     assert row["as_expected"], row
@@ -82,6 +83,7 @@ def test_small_scenes_get_the_right_answer(name, frames):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.slow
 def test_nobody_who_walks_through_is_followed(seed):
     """Once 16 of 16 frames were, 11 cm off (seed 3), once 5 of 16 (seed 0)."""
     row = scene_row("moving person", SCENES["moving person"], 16, 320, seed, Workers(2))
@@ -93,6 +95,7 @@ def test_one_frame_is_refused_with_a_reason():
     assert row["as_expected"] and row["registered"] == 0 and "one frame only" in row["verdict"]
 
 
+@pytest.mark.slow
 def test_a_wrong_answer_is_told():
     scene = Scene("nothing", {"frames": 2, "path_share": 0.02}, least=0, most=0)
     assert not scene_row("x", scene, 2, 320, 0, Workers(1))["as_expected"]
@@ -100,6 +103,7 @@ def test_a_wrong_answer_is_told():
     assert not scene_row("x", scene, 2, 320, 0, Workers(1))["as_expected"]
 
 
+@pytest.mark.slow
 def test_commands(tmp_path):
     arguments = ["scenes", "--only", "two frames", "--width", "320", "-o", str(tmp_path), "--json", "-", "-q"]
     result = CliRunner().invoke(benchmarks, arguments)

@@ -72,7 +72,7 @@ def contents(folder):
         elif path.name in ("log.txt", "report.html"):
             content = re.sub(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", b"", content)
             content = re.sub(rb"seconds:\n(  .*\n)+", b"", content)
-            content = re.sub(rb'<table class="times">.*?</table>', b"", content)
+            content = re.sub(rb'<table class="times">.*?</table>', b"", content, flags=re.DOTALL)
         found[path.relative_to(folder).as_posix()] = content
     return found
 

@@ -1,8 +1,8 @@
 """The documentation: no dead links, commands and settings that exist, code that runs, pages up to date."""
 
+import importlib.util
 import re
 import runpy
-import types
 
 import click
 import numpy as np
@@ -83,10 +83,13 @@ def text_of(name):
     return re.search(rf"<!-- test: {name} -->\n```\w+\n(.*?)```", text, re.DOTALL)[1]
 
 
-def block(name):
-    """The Python block of extending.md that is marked so, as a module."""
-    module = types.ModuleType(f"extending_{name}")
-    exec(compile(text_of(name), f"extending.md ({name})", "exec"), module.__dict__)
+def block(name, folder):
+    """The Python block of extending.md that is marked so, as a module saved in `folder`: compilers ask for its file."""
+    path = folder / f"extending_{name}.py"
+    path.write_text(text_of(name), encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
     return module
 
 
@@ -113,7 +116,7 @@ def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
 
 def test_the_feature_of_the_docs(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(FEATURE_TYPES, "kaze", None)  # and gone again after the test
-    block("feature")
+    block("feature", tmp_path)
     assert allowed(keys()["features.type"]).endswith(", brisk, kaze")
     assert Settings.model_json_schema()["$defs"]["Features"]["properties"]["type"]["enum"][-1] == "kaze"
     run = register(recording, tmp_path / "out", overrides=("features.type=kaze",), jobs=1, quiet=True)
@@ -121,9 +124,9 @@ def test_the_feature_of_the_docs(recording, tmp_path, monkeypatch):
     assert evaluate(tmp_path / "out", recording).numbers["ate_rmse_m"] < 0.01
 
 
-def test_the_solver_of_the_docs():
-    solver = block("solver")
-    p, q, T = random_problems(np.random.default_rng(0), solver.MATCHES, 200)
+def test_the_solver_of_the_docs(tmp_path):
+    solver = block("solver", tmp_path).svd3
+    p, q, T = random_problems(np.random.default_rng(0), solver.matches, 200)
     found, counts = solver.solve_batch(p, q)
     assert (counts == 1).all()
     np.testing.assert_allclose(found[:, 0], T[:, :, :3], atol=1e-9)

@@ -1,6 +1,7 @@
 """`miniloop register`: what it leaves behind, what it prints, that it can be stopped, repeated and run in parallel."""
 
 import json
+import shlex
 import signal
 import subprocess
 import time
@@ -178,3 +179,24 @@ def test_a_recording_that_moved_is_asked_for(registered, tmp_path):
     assert invoke("export", moved, "--to", "tum").exit_code == 0
     outcome = invoke("export", moved, "--to", "colmap")
     assert "--sequence" in str(outcome.exception)
+
+
+def test_the_verdict_is_said_last_and_in_the_summary(recording, tmp_path):
+    outcome = invoke("register", recording, "-o", tmp_path / "good")
+    verdict = json.loads((tmp_path / "good" / "summary.json").read_text())["verdict"]
+    assert (verdict["level"], verdict["reasons"]) == ("good", [])
+    assert outcome.stdout.splitlines()[-1].split(maxsplit=1) == ["good", verdict["headline"]]
+    strict = ("--strict", "--set", "features.count=16", "-q")
+    outcome = invoke("register", recording, "-o", tmp_path / "bad", *strict)
+    verdict = json.loads((tmp_path / "bad" / "summary.json").read_text())["verdict"]
+    assert verdict["level"] == "bad" and "frames are not registered" in verdict["reasons"][0]
+    assert outcome.exit_code == 1 and "the result is bad" in str(outcome.exception)
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-"])
+def test_closed_streams_are_no_error(recording, tmp_path, closed):
+    words = " ".join(map(shlex.quote, map(str, command("register", recording, "-o", tmp_path / "out"))))
+    environ = environment(MINILOOP_CACHE=tmp_path / "cache")
+    done = subprocess.run(["sh", "-c", f"{words} {closed}"], cwd=tmp_path, env=environ, check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "out" / "trajectory.txt").is_file()

@@ -7,7 +7,7 @@ import yaml
 from command_line import invoke, launch
 
 from miniloop_cli.config import Settings
-from miniloop_cli.presets import PRESETS, keys, load_settings
+from miniloop_cli.presets import PRESETS, RENAMED, keys, load_settings
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -76,3 +76,23 @@ def test_misspelt_keys_are_answered(key, near):
     done = launch("config", "explain", key)
     assert done.returncode == 1
     assert near in done.stderr
+
+
+def test_names_of_release_0_1_are_accepted_and_answered_with_the_new_name(tmp_path, caplog):
+    path = tmp_path / "old.yaml"
+    path.write_text(
+        "matching: {all_up_to: 50, similar: 9}\nrough: {max_deg: 7, min_alone: 5}\ncycles: {rescue: false}\n"
+    )
+    settings = load_settings(path, ("averaging.min_alone=11", "rough.max_m=0.2"))
+    assert (settings.matching.exhaustive_max_scans, settings.matching.retrieval_k) == (50, 9)
+    prior = settings.pose_prior
+    assert (prior.max_deg, prior.min_bridge_inliers, prior.max_m) == (7, 5, 0.2)
+    assert not settings.cycles.loop_support and settings.averaging.min_bridge_inliers == 11
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == 7 and all("is called" in line for line in told)
+    assert any("'matching.all_up_to' is called 'matching.exhaustive_max_scans' now" in line for line in told)
+
+
+def test_every_new_name_exists():
+    sections = set(Settings.model_fields)
+    assert set(RENAMED.values()) - sections <= set(keys()) | {"rough.min_bridge_inliers"}

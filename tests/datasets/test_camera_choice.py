@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from miniloop_cli.datasets import open_sequence
-from miniloop_cli.datasets.intrinsics import freiburg_family, load_camera, save_camera
+from miniloop_cli.datasets.camera_files import read_camera_file
+from miniloop_cli.datasets.intrinsics import freiburg_family, save_camera
 from miniloop_cli.datasets.layouts.tum import choose_camera
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import radial_tangential_lens
 
 GOOD = {"fx": 525.0, "fy": 524.0, "cx": 319.5, "cy": 239.5, "width": 640, "height": 480, "depth_scale": 5000}
 
@@ -21,10 +23,10 @@ def write(path, **changes):
 
 
 def test_round_trip(tmp_path):
-    camera = Camera(500.25, 501.5, 320.125, 240, 640, 480, 1000.0, (0.1, -0.2, 1e-3, 0, 1.163314))
+    camera = Camera(500.25, 501.5, 320.125, 240, 640, 480, 1000.0, radial_tangential_lens(0.1, -0.2, 1e-3, 0, 1.163314))
     save_camera(tmp_path / "c.yaml", camera)
-    read = load_camera(tmp_path / "c.yaml")
-    assert (read.K == camera.K).all() and read.distortion == camera.distortion
+    read = read_camera_file(tmp_path / "c.yaml")
+    assert (read.K == camera.K).all() and read.lens == camera.lens
     assert (read.width, read.height, read.depth_scale) == (640, 480, 1000.0)
     assert read.source == f"camera file {tmp_path / 'c.yaml'}"
 
@@ -51,7 +53,7 @@ def test_round_trip(tmp_path):
 )
 def test_wrong_values_are_named(tmp_path, changes, words):
     with pytest.raises(ConfigError, match=words):
-        load_camera(write(tmp_path / "c.yaml", **changes))
+        read_camera_file(write(tmp_path / "c.yaml", **changes))
 
 
 @pytest.mark.parametrize(
@@ -70,15 +72,15 @@ def test_wrong_values_are_named(tmp_path, changes, words):
 def test_other_yaml_is_refused(tmp_path, text):
     (tmp_path / "c.yaml").write_text(text)
     with pytest.raises(InputError, match=r"c\.yaml"):
-        load_camera(tmp_path / "c.yaml")
+        read_camera_file(tmp_path / "c.yaml")
 
 
 def test_yaml_line_is_named(tmp_path):
     (tmp_path / "c.yaml").write_text("fx: 1\nfy: }\n")
     with pytest.raises(InputError, match=r"c\.yaml:2: not a YAML file"):
-        load_camera(tmp_path / "c.yaml")
+        read_camera_file(tmp_path / "c.yaml")
     with pytest.raises(InputError, match="does not exist"):
-        load_camera(tmp_path / "none.yaml")
+        read_camera_file(tmp_path / "none.yaml")
 
 
 @pytest.mark.parametrize(
@@ -126,7 +128,7 @@ def test_given_camera_overrules(tum, tmp_path):
 )
 def test_undistortion_inverts_the_lens(distortion, points):
     """Brown's model written out: distorting the ideal pixel gives the measured one back."""
-    camera = Camera(525, 525, 319.5, 239.5, 640, 480, distortion=distortion)
+    camera = Camera(525, 525, 319.5, 239.5, 640, 480, lens=radial_tangential_lens(*distortion))
     x, y = ((camera.undistort(np.array(points)) - [camera.cx, camera.cy]) / 525).T
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y

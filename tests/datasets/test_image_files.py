@@ -32,7 +32,7 @@ def gray(dtype: type, height: int = 48, width: int = 64) -> np.ndarray:
 @pytest.mark.parametrize(
     ("image", "words"),
     [
-        (gray(np.uint8), "depth must be a 16-bit 1-channel PNG, this is a 8-bit 1-channel PNG of 64 x 48"),
+        (gray(np.uint8), "depth must have one channel of 16 bits, this is a 8-bit 1-channel PNG of 64 x 48"),
         (np.zeros((48, 64, 3), np.uint16), "this is a 16-bit 3-channel PNG"),
         (np.zeros((48, 64, 4), np.uint8), "this is a 8-bit 4-channel PNG"),
         (gray(np.uint16, 24, 32), "depth is 32 x 24, colour 64 x 48"),
@@ -49,7 +49,7 @@ def test_wrong_depth_is_refused(tum, image, words):
 def test_float_depth_and_jpeg_depth_are_refused(tum):
     path = tum.root / "depth/10.005000.png"
     path.write_bytes(cv2.imencode(".tiff", np.ones((48, 64), np.float32))[1])
-    with pytest.raises(InputError, match="neither PNG nor JPEG"):
+    with pytest.raises(InputError, match="one channel of 16 bits, this is a 32-bit 1-channel TIFF"):
         read_scan(open_sequence(tum.root), 0)
     path.write_bytes(cv2.imencode(".jpg", gray(np.uint8))[1])
     with pytest.raises(InputError, match="this is a 8-bit 1-channel JPEG"):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from miniloop_cli.datasets.intrinsics import load_camera
+from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.errors import ConfigError, MiniloopError
 from miniloop_cli.presets import load_settings
 
@@ -18,7 +18,7 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
-@pytest.mark.parametrize("read", [load_camera, load_settings])
+@pytest.mark.parametrize("read", [read_camera_file, load_settings])
 def test_absurd_files_are_refused_in_one_line(tmp_path, monkeypatch, read, text):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "c.yaml").write_text(text)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from miniloop_cli.datasets import ImageFile, open_sequence, read_color, read_depth, read_ground_truth, read_scan
-from miniloop_cli.datasets.intrinsics import load_camera
+from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import MiniloopError
 
@@ -105,7 +105,7 @@ def test_trajectories(tmp_path, data):
 @given(yaml_text)
 def test_cameras(tmp_path, data):
     (tmp_path / "c.yaml").write_bytes(data)
-    camera = attempt(load_camera, tmp_path / "c.yaml")
+    camera = attempt(read_camera_file, tmp_path / "c.yaml")
     if camera:
         assert np.isfinite(camera.K).all() and camera.fx > 0 and camera.width > 0 and camera.depth_scale >= 1
 
@@ -199,4 +199,4 @@ def test_oversized_files_are_not_read(tmp_path):
     with pytest.raises(MiniloopError, match="more than the 64 MB allowed"):
         read_trajectory(tmp_path / "t.txt")
     with pytest.raises(MiniloopError, match="allowed"):
-        load_camera(tmp_path / "t.txt")
+        read_camera_file(tmp_path / "t.txt")

@@ -52,10 +52,13 @@ def test_names_are_stamps_without_tables(tum):
 
 
 def test_frames_without_partner_are_dropped_and_noted(tum):
-    tum.text("depth.txt", "\n".join(f"{10 + k / 10 + 0.03 * (k == 2):.3f} depth/x.png" for k in range(5)))
+    names = [f"{10.005 + k / 10:.6f}" for k in range(5)]
+    tum.text("depth.txt", "\n".join(f"{10 + k / 10 + 0.03 * (k == 2):.3f} depth/{names[k]}.png" for k in range(5)))
     sequence = open_sequence(tum.root)
     assert [round(f.timestamp_s, 1) for f in sequence.frames] == [10.0, 10.1, 10.3, 10.4]
-    assert "4 pairs within 20 ms from 5 colour and 5 depth images" in sequence.notes
+    assert [str(note) for note in sequence.notes if note.doubtful] == [
+        "4 pairs from 5 colour and 5 depth images, within 20 ms; the others have no partner"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -82,8 +85,17 @@ def test_links_are_followed_only_inside(tum):
     (tum.root / "rgb" / "real.png").rename(outside)
     target.unlink()
     target.symlink_to(outside)
-    with pytest.raises(InputError, match="points outside the sequence"):
+    with pytest.raises(InputError, match=r"points outside the sequence, to .*--follow-links"):
         open_sequence(tum.root)
+    assert read_scan(open_sequence(tum.root, follow_links=True), 0).color.shape == (48, 64, 3)
+
+
+def test_folders_that_are_links_into_a_store(tum):
+    (tum.root / "depth").rename(tum.root.parent / "store")
+    (tum.root / "depth").symlink_to(tum.root.parent / "store")
+    with pytest.raises(InputError, match=r"depth/10\.005000\.png points outside .*--follow-links"):
+        open_sequence(tum.root)
+    assert len(open_sequence(tum.root, follow_links=True).frames) == 5
 
 
 @pytest.mark.parametrize(
@@ -92,10 +104,10 @@ def test_links_are_followed_only_inside(tum):
         ("10.0\n", r"rgb\.txt:1: expected 'timestamp filename'"),
         ("abc rgb/1.png\n", r"rgb\.txt:1: expected a timestamp in seconds, found 'abc'"),
         ("# c\nnan rgb/1.png\n", r"rgb\.txt:2: the timestamp is nan"),
-        ("1403636579763555584 rgb/1.png\n", "nanoseconds"),
+        ("1403636579763555584 rgb/10.000000.png\n", "nanoseconds"),
         ("10.0 rgb/\0.png\n", "impossible file"),
         ("# nothing\n", r"rgb\.txt names no images"),
-        ("99.0 rgb/1.png\n", r"no colour image has a depth image within 20 ms; .* 88\.595 s apart"),
+        ("99.0 rgb/10.000000.png\n", r"no colour image has a depth image within 20 ms; .* 88\.595 s apart"),
     ],
 )
 def test_bad_tables_are_named(tum, table, words):
@@ -148,7 +160,7 @@ def test_masks_remove_depth(tum):
     tum.put("mask/10.100000.png", mask)
     sequence = open_sequence(tum.root)
     scan = read_scan(sequence, 1)
-    assert read_scan(sequence, 0).mask is None and "masks for 1 of 5 frames" in sequence.notes[0]
+    assert read_scan(sequence, 0).mask is None and "masks for 1 of 5 frames" in str(sequence.notes[0])
     np.testing.assert_array_equal(scan.mask, mask > 0)
     assert (scan.depth_m[mask > 0] == 0).all() and (scan.depth_m[mask == 0] > 0).all()
     tum.put("mask/10.100000.png", mask[:20])
@@ -188,7 +200,7 @@ def test_association_is_bounded_where_stamps_crowd():
 def test_real_sequences_open(name):
     sequence = open_sequence(Path(REAL) / name)
     assert len(sequence.frames) == 100 and not sequence.notes
-    assert sequence.camera.fx == 517.306408 and sequence.camera.distortion[4] == 1.163314
+    assert sequence.camera.fx == 517.306408 and sequence.camera.lens.named["k3"] == 1.163314
     assert "freiburg1" in sequence.camera.source
     scan = read_scan(sequence, 50)
     assert 0.3 < np.median(scan.depth_m[scan.depth_m > 0]) < 3

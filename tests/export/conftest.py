@@ -12,6 +12,7 @@ from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.export.model import Model
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import radial_tangential_lens
 from miniloop_cli.results.folder import Results
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
@@ -27,7 +28,10 @@ def run(tmp_path):
     for kind in ("rgb", "depth"):
         (sequence / kind).mkdir(parents=True)
     results.mkdir()
-    save_camera(sequence / "camera.yaml", Camera(90, 95, 79.5, 59.5, 160, 120, distortion=(0.1, -0.02, 0.001, 0, 0)))
+    save_camera(
+        sequence / "camera.yaml",
+        Camera(90, 95, 79.5, 59.5, 160, 120, lens=radial_tangential_lens(0.1, -0.02, 0.001, 0, 0)),
+    )
     stamps = 1305031100 + np.arange(9) / 10
     for stamp in stamps:
         cv2.imwrite(str(sequence / "rgb" / f"{stamp:.6f}.png"), rng.integers(0, 256, (120, 160, 3), dtype=np.uint8))

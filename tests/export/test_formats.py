@@ -54,7 +54,7 @@ def test_g2o(run, tmp_path):
 
 
 def test_open3d(run, tmp_path):
-    o3d = pytest.importorskip("open3d")
+    o3d = pytest.importorskip("open3d", exc_type=ImportError)
     graph_path, trajectory_path = write_open3d(run.model, tmp_path)
     graph = o3d.io.read_pose_graph(str(graph_path))
     same([node.pose for node in graph.nodes], run.T)
@@ -71,7 +71,7 @@ def test_open3d(run, tmp_path):
 
 def test_open3d_information_is_rotation_first(run, tmp_path):
     """A node that Open3D may turn at no cost, but not move, if the order is right."""
-    o3d = pytest.importorskip("open3d")
+    o3d = pytest.importorskip("open3d", exc_type=ImportError)
     graph = run.model.graph
     information = np.zeros_like(graph.information)
     information[:, 3:, 3:] = 1e4 * np.eye(3)
@@ -149,7 +149,7 @@ def test_numpy(run, tmp_path):
 def test_ply(run, tmp_path):
     cameras, cloud = write_clouds(run.model, tmp_path)
     assert cloud.read_bytes() == (run.results / "cloud.ply").read_bytes()
-    o3d = pytest.importorskip("open3d")
+    o3d = pytest.importorskip("open3d", exc_type=ImportError)
     same(np.asarray(o3d.io.read_point_cloud(str(cameras)).points), run.T[:, :3, 3])
 
 

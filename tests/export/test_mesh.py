@@ -45,7 +45,7 @@ def wall(tmp_path):
 
 
 def test_a_wall_comes_out_flat_and_coloured(wall):
-    pytest.importorskip("open3d")
+    pytest.importorskip("open3d", exc_type=ImportError)
     results, sequence = wall
     surface = fuse(Model(Results(results), open_sequence(sequence)), voxel_m=0.02, quiet=True)
     assert len(surface.triangles) > 1000
@@ -59,7 +59,7 @@ def test_a_wall_comes_out_flat_and_coloured(wall):
 
 
 def test_little_memory_gives_larger_voxels(wall):
-    pytest.importorskip("open3d")
+    pytest.importorskip("open3d", exc_type=ImportError)
     results, sequence = wall
     model = Model(Results(results), open_sequence(sequence))
     surface = fuse(model, voxel_m=0.01, memory_mb=int(60 * BYTES_A_BLOCK / 1e6), quiet=True)
@@ -68,7 +68,7 @@ def test_little_memory_gives_larger_voxels(wall):
 
 
 def test_command_skips_a_broken_frame(wall):
-    pytest.importorskip("open3d")
+    pytest.importorskip("open3d", exc_type=ImportError)
     results, sequence = wall
     (sequence / "depth" / "1.0.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     arguments = [str(results), "--sequence", str(sequence), "--voxel", "0.04"]
@@ -79,7 +79,7 @@ def test_command_skips_a_broken_frame(wall):
 
 
 def test_nothing_in_range_is_said(wall):
-    pytest.importorskip("open3d")
+    pytest.importorskip("open3d", exc_type=ImportError)
     results, sequence = wall
     with pytest.raises(MiniloopError, match="--max-depth"):
         fuse(Model(Results(results), open_sequence(sequence)), max_depth_m=0.5, quiet=True)

@@ -26,7 +26,7 @@ def test_ply_round_trip(tmp_path, cloud):
 
 
 def test_ply_in_open3d(tmp_path, cloud):
-    o3d = pytest.importorskip("open3d")
+    o3d = pytest.importorskip("open3d", exc_type=ImportError)
     faces = np.array([[0, 1, 2], [3, 4, 5]])
     write_ply(tmp_path / "mesh.ply", *cloud, faces)
     mesh = o3d.io.read_triangle_mesh(str(tmp_path / "mesh.ply"))

@@ -6,13 +6,14 @@ from scipy.optimize import root
 
 from miniloop_cli.datasets.intrinsics import freiburg_camera
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import radial_tangential_lens
 
-STRONG = Camera(517.3, 516.5, 318.6, 255.3, 640, 480, distortion=(-0.28, 0.07, 1e-3, -2e-3, 0.01))
+STRONG = Camera(517.3, 516.5, 318.6, 255.3, 640, 480, lens=radial_tangential_lens(-0.28, 0.07, 1e-3, -2e-3, 0.01))
 
 
 def measured(camera, px_ideal):
     """Where a lens of Brown and Conrady images what an ideal camera would image at pixels (n, 2)."""
-    k1, k2, p1, p2, k3 = camera.distortion
+    k1, k2, p1, p2, k3 = camera.lens.coefficients
     x, y = ((px_ideal - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).T
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3

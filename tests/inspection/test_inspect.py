@@ -150,6 +150,24 @@ def test_command_prints_and_writes_json(folder, tmp_path):
     assert "camera.yaml" not in quiet
 
 
+@pytest.mark.parametrize("value", [65535, 39990])
+def test_a_value_for_no_reading_is_found(folder, tmp_path, value):
+    marked = tmp_path / "marked"
+    shutil.copytree(folder, marked)
+    for path in (marked / "depth").iterdir():
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        depth[:60, :80] = 0
+        cv2.imwrite(str(path), np.where(depth == 0, value, depth).astype(np.uint16))
+    sequence = open_sequence(marked)
+    result = inspect(sequence, np.random.default_rng(0))
+    assert set(codes(result)) == {"no-reading"}
+    finding, numbers = codes(result)["no-reading"], result.numbers
+    assert f"hold the depth {value} ({value / 5000:.2f} m)" in finding.message
+    assert numbers["no_reading"][0]["share"] == pytest.approx(numbers["images"]["holes"], abs=0.02)
+    assert numbers["images"]["depth_m"][2] < 6
+    assert str(sequence.notes[-1]) in numbers["notes"]
+
+
 def test_json_on_stdout_is_alone(tmp_path):
     tiny = write_sequence(tmp_path / "tiny", SimulationSettings(frames=1, width=64, height=48))
     result = CliRunner().invoke(command, [str(tiny), "--json", "-"])

@@ -13,6 +13,7 @@ from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import radial_tangential_lens
 from miniloop_cli.results.ply import write_ply
 from miniloop_cli.scene.sequence import Trajectory
 
@@ -33,7 +34,9 @@ def run(tmp_path):
     sequence = tmp_path / "a room <b>bold"
     for kind in ("rgb", "depth"):
         (sequence / kind).mkdir(parents=True)
-    save_camera(sequence / "camera.yaml", Camera(100, 100, 79.5, 59.5, 160, 120, distortion=(0.1, 0, 0, 0, 0)))
+    save_camera(
+        sequence / "camera.yaml", Camera(100, 100, 79.5, 59.5, 160, 120, lens=radial_tangential_lens(0.1, 0, 0, 0, 0))
+    )
     stamps = 100 + np.arange(FRAMES) / 10
     T = se3.pose(se3.exp_so3(rng.normal(scale=0.1, size=(FRAMES, 3))), np.cumsum(rng.normal(size=(FRAMES, 3)), axis=0))
     for stamp in stamps:

@@ -20,8 +20,9 @@ from miniloop_cli.report.charts import KINDS
 from miniloop_cli.report.page import write_report
 from miniloop_cli.report.sections import edge_rows
 from miniloop_cli.report.templating import render
-from miniloop_cli.results.assessment import Level, judge, runs
+from miniloop_cli.results.assessment import Level, judge
 from miniloop_cli.results.columns import load
+from miniloop_cli.results.facts import runs
 from miniloop_cli.results.ply import read_ply, write_ply
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.scene.sequence import Trajectory
@@ -228,7 +229,7 @@ def test_verdicts(run):
     (run.results / "edges.csv").write_text(edges)
     verdict = judge(load(run.results).columns)
     assert verdict.level == Level.DOUBTFUL
-    assert "doubtful" in verdict.headline
+    assert "the edges disagree with the poses as a whole" in verdict.headline
     assert any("depth_scale" in advice for advice in verdict.advice)
 
 
@@ -255,6 +256,18 @@ def test_what_inspection_finds_stands_in_the_report_of_a_run_that_went_badly(run
 
 def test_solvers_have_colours_of_their_own():
     assert len({KINDS[name] for name in ("cycle5", "cycle4", "cycle3", "pairwise", "guided")}) == 5
+
+
+def test_a_verified_edge_that_contradicts_the_poses_makes_a_run_doubtful(run):
+    frames = (run.results / "frames.csv").read_text().replace(",0,-1,no_matches,", ",1,0,registered,")
+    (run.results / "frames.csv").write_text(frames)
+    assert judge(load(run.results).columns).level == Level.GOOD
+    edges = (run.results / "edges.csv").read_text().replace("verified,,,0.1,", "verified,,,73.0,", 1)
+    (run.results / "edges.csv").write_text(edges)
+    found = judge(load(run.results).columns)
+    assert found.level == Level.DOUBTFUL
+    assert found.reasons[0].startswith("1 verified edge contradicts the poses (the worst: 0–")
+    assert "by 73.0 deg" in found.reasons[0] and found.reasons[0] in found.headline
 
 
 def test_frames_with_the_same_trouble_belong_together(run):

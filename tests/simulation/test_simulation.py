@@ -75,7 +75,7 @@ def test_depth_and_poses_agree_between_frames():
     v, u = np.nonzero(z)
     px = np.stack([u, v], 1).astype(float)
     p_b = se3.transform(se3.inverse(b.T_world_cam) @ a.T_world_cam, camera.backproject(camera.undistort(px), z[v, u]))
-    K, D = camera.K, np.array(camera.distortion)
+    K, D = camera.K, np.array(camera.lens.coefficients)
     seen = cv2.projectPoints(p_b, np.zeros(3), np.zeros(3), K, D)[0][:, 0]
     column, row = np.round(seen).astype(int).T
     inside = (column >= 1) & (column < camera.width - 1) & (row >= 1) & (row < camera.height - 1)
@@ -224,7 +224,7 @@ def test_written_folder_reads_back_and_repeats(tmp_path):
         sequence.camera.source == "the sequence's own camera.yaml"
         and sequence.camera.K.tolist() == settings.camera.K.tolist()
     )
-    assert sequence.camera.distortion == TUM_LENS
+    assert sequence.camera.lens.coefficients == TUM_LENS
     truth = read_ground_truth(sequence)
     for k, frame in enumerate(frames):
         scan = read_scan(sequence, k)

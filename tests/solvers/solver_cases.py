@@ -1,24 +1,13 @@
-"""What the tests of the solvers share: the modules, and how far a set of solutions is from a pose."""
-
-from types import ModuleType
+"""What the tests of the solvers share: the solvers, and how far a set of solutions is from a pose."""
 
 import numpy as np
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.solvers import cycle3, cycle4, cycle5, pairwise, planar2, planar3, planar4
+from miniloop_cli.solvers import load
 
-SPATIAL = {"pairwise": pairwise, "cycle3": cycle3, "cycle4": cycle4, "cycle5": cycle5}
-PLANAR = {"planar2": planar2, "planar3": planar3, "planar4": planar4}
+SPATIAL = {name: load(name) for name in ("pairwise", "cycle3", "cycle4", "cycle5")}
+PLANAR = {name: load(name) for name in ("planar2", "planar3", "planar4")}
 ALL = SPATIAL | PLANAR
-
-
-def name_of(module: ModuleType) -> str:
-    return module.__name__.rsplit(".", 1)[-1]
-
-
-def single(module: ModuleType):
-    """The Python entry of a solver for one sample."""
-    return getattr(module, name_of(module))
 
 
 def poses(T):
@@ -36,3 +25,8 @@ def nearest_errors(T, counts, truth):
     error = np.abs(T - truth[:, None, :, :3]).max(axis=(2, 3, 4))
     error[np.arange(T.shape[1]) >= counts[:, None]] = np.inf
     return error.min(axis=1)
+
+
+def core_count(solver, p, q, T):
+    """Call the compiled mathematics of a solver for one sample, as other compiled code does."""
+    return solver.solve(p, q, T) if solver.nearly_real is None else solver.solve(p, q, T, solver.nearly_real)

@@ -5,31 +5,32 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from solver_cases import name_of, nearest_errors, poses, single
+from solver_cases import core_count, nearest_errors, poses
 
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
 from miniloop_cli.solvers.batch import edges_of, match_residuals
-from miniloop_cli.solvers.long_cycles import cycle6, cycle7
+from miniloop_cli.solvers.long_cycles.cycle6 import cycle6
+from miniloop_cli.solvers.long_cycles.cycle7 import cycle7
 
-solvers = pytest.mark.parametrize("module", [cycle6, cycle7], ids=["cycle6", "cycle7"])
+solvers = pytest.mark.parametrize("solver", [cycle6, cycle7], ids=["cycle6", "cycle7"])
 FEW = settings(derandomize=True, max_examples=25)
 
 
-def sample(module, seed):
-    p, q, truth = random_problems(np.random.default_rng(seed), module.MATCHES, 1)
+def sample(solver, seed):
+    p, q, truth = random_problems(np.random.default_rng(seed), solver.matches, 1)
     return p[0], q[0], truth[0]
 
 
-def see(module, rng, points):
+def see(solver, rng, points):
     """Matches p, q (b, k, 3) and true poses of random scans that see the given world points (b, k, 3)."""
-    scans, count = len(module.MATCHES), len(points)
+    scans, count = len(solver.matches), len(points)
     T_scan_world = se3.pose(
         Rotation.random(count * scans, random_state=int(rng.integers(2**31))).as_matrix().reshape(count, scans, 3, 3),
         rng.normal(size=(count, scans, 3)),
     )
-    i, j = np.repeat(edges_of(module.MATCHES), module.MATCHES, axis=0).T
+    i, j = np.repeat(edges_of(solver.matches), solver.matches, axis=0).T
     p = se3.transform(T_scan_world[:, i], points[:, :, None])[:, :, 0]
     q = se3.transform(T_scan_world[:, j], points[:, :, None])[:, :, 0]
     return p, q, T_scan_world[:, 1:] @ se3.inverse(T_scan_world[:, :-1])
@@ -78,58 +79,58 @@ def every_solution_by_newton(p, q, matches, rng, starts):
 
 
 @solvers
-def test_truth_is_among_at_most_sixteen(module, rng):
-    p, q, truth = random_problems(rng, module.MATCHES, 5000)
-    T, counts = module.solve_batch(p, q)
+def test_truth_is_among_at_most_sixteen(solver, rng):
+    p, q, truth = random_problems(rng, solver.matches, 5000)
+    T, counts = solver.solve_batch(p, q)
     errors = nearest_errors(T, counts, truth)
     assert (errors < 1e-6).mean() >= 0.9995
     assert np.median(errors) < 1e-13
     # Real solutions of a polynomial of degree 16 come in pairs.
     assert (counts % 2 == 0).mean() > 0.999
-    assert module.MAX_SOLUTIONS == 16 and counts.min() >= 2 and 10 <= counts.max() <= 16
+    assert solver.max_solutions == 16 and counts.min() >= 2 and 10 <= counts.max() <= 16
     assert 4 < counts.mean() < 6
 
 
 @solvers
-def test_every_solution_meets_every_match(module, rng):
-    p, q, _ = random_problems(rng, module.MATCHES, 2000)
-    T, counts = module.solve_batch(p, q)
+def test_every_solution_meets_every_match(solver, rng):
+    p, q, _ = random_problems(rng, solver.matches, 2000)
+    T, counts = solver.solve_batch(p, q)
     used = np.arange(16) < counts[:, None]
     assert not T[~used].any()
     R = T[used][..., :3]
     np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-13)
-    residuals = match_residuals(poses(T), p[:, None], q[:, None], module.MATCHES)
+    residuals = match_residuals(poses(T), p[:, None], q[:, None], solver.matches)
     assert residuals[used].max() < 1e-11
 
 
 @solvers
 @pytest.mark.parametrize("seed", range(3))
-def test_the_whole_set_agrees_with_many_start_newton(module, seed):
-    p, q, _ = sample(module, [5, seed])
-    expected = every_solution_by_newton(p, q, module.MATCHES, np.random.default_rng(seed), 1200)
-    assert_same_sets(single(module)(p, q), expected, 1e-7)
+def test_the_whole_set_agrees_with_many_start_newton(solver, seed):
+    p, q, _ = sample(solver, [5, seed])
+    expected = every_solution_by_newton(p, q, solver.matches, np.random.default_rng(seed), 1200)
+    assert_same_sets(solver(p, q), expected, 1e-7)
 
 
 @solvers
 @given(seed=st.integers(0, 10**6))
 @FEW
-def test_moving_the_frame_of_a_scan_moves_the_poses(module, seed):
-    p, q, _ = sample(module, seed)
-    rng, n = np.random.default_rng(seed), len(module.MATCHES)
+def test_moving_the_frame_of_a_scan_moves_the_poses(solver, seed):
+    p, q, _ = sample(solver, seed)
+    rng, n = np.random.default_rng(seed), len(solver.matches)
     moves = se3.pose(Rotation.random(n, random_state=seed).as_matrix(), rng.normal(size=(n, 3)))
-    i, j = np.repeat(edges_of(module.MATCHES), module.MATCHES, axis=0).T
-    moved = single(module)(
+    i, j = np.repeat(edges_of(solver.matches), solver.matches, axis=0).T
+    moved = solver(
         se3.transform(moves[i], p[:, None])[:, 0],
         se3.transform(moves[j], q[:, None])[:, 0],
     )
-    assert_same_sets(moved, moves[1:] @ single(module)(p, q) @ se3.inverse(moves[:-1]), 1e-6)
+    assert_same_sets(moved, moves[1:] @ solver(p, q) @ se3.inverse(moves[:-1]), 1e-6)
 
 
 @solvers
 @pytest.mark.parametrize("side", [1e-6, 1e-3, 400.0, 1e6])
-def test_any_unit_of_length(module, side, rng):
-    p, q, truth = random_problems(rng, module.MATCHES, 500, side)
-    T, counts = module.solve_batch(p, q)
+def test_any_unit_of_length(solver, side, rng):
+    p, q, truth = random_problems(rng, solver.matches, 500, side)
+    T, counts = solver.solve_batch(p, q)
     T[..., 3] /= side
     truth[..., :3, 3] /= side
     assert (nearest_errors(T, counts, truth) < 1e-6).mean() > 0.997
@@ -138,14 +139,14 @@ def test_any_unit_of_length(module, side, rng):
 @solvers
 @given(seed=st.integers(0, 10**6), swaps=st.lists(st.booleans(), min_size=7, max_size=7))
 @FEW
-def test_order_of_the_matches_of_an_edge_does_not_matter(module, seed, swaps):
-    p, q, _ = sample(module, seed)
+def test_order_of_the_matches_of_an_edge_does_not_matter(solver, seed, swaps):
+    p, q, _ = sample(solver, seed)
     order, start = [], 0
-    for number, swap in zip(module.MATCHES, swaps, strict=False):
+    for number, swap in zip(solver.matches, swaps, strict=False):
         rows = list(range(start, start + number))
         order += rows[::-1] if swap else rows
         start += number
-    assert_same_sets(single(module)(p[order], q[order]), single(module)(p, q), 1e-6)
+    assert_same_sets(solver(p[order], q[order]), solver(p, q), 1e-6)
 
 
 @given(seed=st.integers(0, 10**6), turn=st.integers(1, 5))
@@ -156,8 +157,8 @@ def test_renumbering_the_scans_of_a_6_cycle_around_the_ring(seed, turn):
     pairs = [(p[2 * e : 2 * e + 2], q[2 * e : 2 * e + 2]) for e in range(5)] + [(q[10:], p[10:])]
     pairs = pairs[turn:] + pairs[:turn]
     pairs[5] = pairs[5][::-1]
-    turned = cycle6.cycle6(*(np.concatenate(side) for side in zip(*pairs, strict=True)))
-    chain = cycle6.cycle6(p, q)
+    turned = cycle6(*(np.concatenate(side) for side in zip(*pairs, strict=True)))
+    chain = cycle6(p, q)
     closing = np.eye(4)
     for e in range(5):
         closing = chain[:, e] @ closing
@@ -168,12 +169,12 @@ def test_renumbering_the_scans_of_a_6_cycle_around_the_ring(seed, turn):
 @solvers
 @given(seed=st.integers(0, 10**6))
 @FEW
-def test_running_through_the_chain_backwards(module, seed):
-    p, q, _ = sample(module, seed)
-    n = len(module.MATCHES) - 1
+def test_running_through_the_chain_backwards(solver, seed):
+    p, q, _ = sample(solver, seed)
+    n = len(solver.matches) - 1
     order = np.r_[np.arange(2 * n).reshape(n, 2)[::-1].ravel(), np.arange(2 * n, len(p))]
-    backwards = single(module)(q[order], p[order])
-    assert_same_sets(backwards, se3.inverse(single(module)(p, q))[:, ::-1], 1e-6)
+    backwards = solver(q[order], p[order])
+    assert_same_sets(backwards, se3.inverse(solver(p, q))[:, ::-1], 1e-6)
 
 
 # Pairs of matches (rows) that are one and the same point.
@@ -187,12 +188,12 @@ SPECIAL = {
 
 @solvers
 @pytest.mark.parametrize("special", SPECIAL)
-def test_meeting_axes(module, special, rng):
-    points = rng.normal(size=(1000, sum(module.MATCHES), 3))
+def test_meeting_axes(solver, special, rng):
+    points = rng.normal(size=(1000, sum(solver.matches), 3))
     for source, target in SPECIAL[special]:
         points[:, target] = points[:, source]
-    p, q, truth = see(module, rng, points)
-    T, counts = module.solve_batch(p, q)
+    p, q, truth = see(solver, rng, points)
+    T, counts = solver.solve_batch(p, q)
     assert (nearest_errors(T, counts, truth) < 1e-6).mean() >= 0.995
     assert (counts % 2 == 0).mean() >= 0.995
 
@@ -207,21 +208,21 @@ def test_ring_of_meeting_axes(rng):
 
 
 @solvers
-def test_parallel_axes_and_half_turns(module, rng):
-    points = rng.normal(size=(500, sum(module.MATCHES), 3))
+def test_parallel_axes_and_half_turns(solver, rng):
+    points = rng.normal(size=(500, sum(solver.matches), 3))
     points[:, 3] = points[:, 2] + points[:, 1] - points[:, 0]
-    p, q, truth = see(module, rng, points)
-    T, counts = module.solve_batch(p, q)
+    p, q, truth = see(solver, rng, points)
+    T, counts = solver.solve_batch(p, q)
     assert (nearest_errors(T, counts, truth) < 1e-6).mean() >= 0.995
     # No motion at all: every matched pair of frames is equal.
-    p = rng.normal(size=(500, sum(module.MATCHES), 3))
-    T, counts = module.solve_batch(p, p)
-    identity = np.broadcast_to(np.eye(4), (500, len(module.MATCHES) - 1, 4, 4))
+    p = rng.normal(size=(500, sum(solver.matches), 3))
+    T, counts = solver.solve_batch(p, p)
+    identity = np.broadcast_to(np.eye(4), (500, len(solver.matches) - 1, 4, 4))
     assert (nearest_errors(T, counts, identity) < 1e-6).mean() >= 0.997
     # Every scan is the one before, half a turn about the axis of the edge between them.
     q = p.copy()
     half_turns = np.empty_like(identity)
-    for e in range(len(module.MATCHES) - 1):
+    for e in range(len(solver.matches) - 1):
         axis = p[:, 2 * e + 1] - p[:, 2 * e]
         R = Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis, axis=1, keepdims=True)).as_matrix()
         half_turns[:, e] = se3.pose(R, p[:, 2 * e] - np.einsum("bij,bj->bi", R, p[:, 2 * e]))
@@ -230,13 +231,13 @@ def test_parallel_axes_and_half_turns(module, rng):
         closing = half_turns[:, e] @ closing
     last = slice(2 * half_turns.shape[1], None)
     q[:, last] = se3.transform(closing, p[:, last])
-    T, counts = module.solve_batch(p, q)
+    T, counts = solver.solve_batch(p, q)
     assert (nearest_errors(T, counts, half_turns) < 1e-6).mean() >= 0.997
 
 
-def degenerate_points(module, rng):
-    k = sum(module.MATCHES)
-    ends = np.cumsum((0, *module.MATCHES))[:-1]
+def degenerate_points(solver, rng):
+    k = sum(solver.matches)
+    ends = np.cumsum((0, *solver.matches))[:-1]
     points = rng.normal(size=(100, k, 3))
     for what, source in {"one axis for two edges": (0, 1, 0, 1), "one axis thrice": (0, 1, 0, 1, 0, 1)}.items():
         some = points.copy()
@@ -255,28 +256,28 @@ def degenerate_points(module, rng):
 
 
 @solvers
-def test_movable_chains_give_no_solution(module, rng):
-    for what, points in degenerate_points(module, rng):
-        p, q, _ = see(module, rng, points)
-        T, counts = module.solve_batch(p, q)
+def test_movable_chains_give_no_solution(solver, rng):
+    for what, points in degenerate_points(solver, rng):
+        p, q, _ = see(solver, rng, points)
+        T, counts = solver.solve_batch(p, q)
         assert not counts.any(), what
         assert not T.any(), what
 
 
 @solvers
-def test_points_of_one_wall_do_not_give_the_flat_solution(module, rng):
+def test_points_of_one_wall_do_not_give_the_flat_solution(solver, rng):
     """All axes lie in one plane: the chain is singular there. What else closes it is isolated and returned."""
-    p, q, truth = see(module, rng, rng.normal(size=(200, sum(module.MATCHES), 3)) * [1, 1, 0])
-    T, counts = module.solve_batch(p, q)
+    p, q, truth = see(solver, rng, rng.normal(size=(200, sum(solver.matches), 3)) * [1, 1, 0])
+    T, counts = solver.solve_batch(p, q)
     assert (counts == 0).mean() > 0.5
     assert (nearest_errors(T, counts, truth) > 1e-5).all()
     used = np.arange(16) < counts[:, None]
-    assert match_residuals(poses(T), p[:, None], q[:, None], module.MATCHES)[used].max(initial=0) < 1e-9
+    assert match_residuals(poses(T), p[:, None], q[:, None], solver.matches)[used].max(initial=0) < 1e-9
 
 
 @solvers
-def test_nonsense_gives_no_solution(module, rng):
-    p, q, _ = sample(module, 1)
+def test_nonsense_gives_no_solution(solver, rng):
+    p, q, _ = sample(solver, 1)
     samples = {"zero": (0 * p, 0 * q), "not a number": (np.full_like(p, np.nan), q), "infinite": (p, q + np.inf)}
     for i in range(len(p)):
         for value in (np.nan, np.inf, -np.inf):
@@ -288,59 +289,59 @@ def test_nonsense_gives_no_solution(module, rng):
         a[i + 1], b[i + 1] = a[i], b[i]
         samples[f"coincident matches {i}"] = a, b
         samples[f"coincident in one scan {i}"] = p, b
-    if module is cycle7:
+    if solver is cycle7:
         a, b = p.copy(), q.copy()
         a[14], b[14] = 0.3 * a[12] + 0.7 * a[13], 0.3 * b[12] + 0.7 * b[13]
         samples["closing matches on a line"] = a, b
     for what, (a, b) in samples.items():
-        T = np.zeros((16, len(module.MATCHES) - 1, 3, 4))
-        assert module.solve(a, b, T) == 0, what
+        T = np.zeros((16, len(solver.matches) - 1, 3, 4))
+        assert core_count(solver, a, b, T) == 0, what
         assert not T.any(), what
 
 
 @solvers
-def test_unrelated_points_and_noise_give_finite_proper_poses(module, rng):
-    p, q = rng.normal(size=(2, 1000, sum(module.MATCHES), 3))
+def test_unrelated_points_and_noise_give_finite_proper_poses(solver, rng):
+    p, q = rng.normal(size=(2, 1000, sum(solver.matches), 3))
     for nearly_real in (0.0, 0.2):
-        T, counts = module.solve_batch(p, q, nearly_real)
+        T, counts = solver.solve_batch(p, q, nearly_real)
         assert np.isfinite(T).all() and counts.max() <= 16
         R = T[np.arange(16) < counts[:, None]][..., :3]
         np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
 
 
 @solvers
-def test_noise_moves_solutions_little_and_nearly_real_pairs_are_kept(module, rng):
-    p, q, truth = random_problems(rng, module.MATCHES, 2000)
-    T, counts = module.solve_batch(p, q + rng.normal(scale=1e-9, size=q.shape))
+def test_noise_moves_solutions_little_and_nearly_real_pairs_are_kept(solver, rng):
+    p, q, truth = random_problems(rng, solver.matches, 2000)
+    T, counts = solver.solve_batch(p, q + rng.normal(scale=1e-9, size=q.shape))
     assert np.median(nearest_errors(T, counts, truth)) < 1e-7
     noisy = q + rng.normal(scale=0.01, size=q.shape)
-    T, counts = module.solve_batch(p, noisy)
+    T, counts = solver.solve_batch(p, noisy)
     exact = nearest_errors(T, counts, truth)
-    T, counts = module.solve_batch(p, noisy, nearly_real=0.3)
+    T, counts = solver.solve_batch(p, noisy, nearly_real=0.3)
     tolerant = nearest_errors(T, counts, truth)
     assert (tolerant < 0.3).sum() > (exact < 0.3).sum()
     assert np.quantile(tolerant, 0.75) <= np.quantile(exact, 0.75)
 
 
 @solvers
-def test_entries_agree(module, rng):
-    p, q, truth = random_problems(rng, module.MATCHES, 20)
-    T, counts = module.solve_batch(p, q)
+def test_entries_agree(solver, rng):
+    p, q, truth = random_problems(rng, solver.matches, 20)
+    T, counts = solver.solve_batch(p, q)
     for i in range(len(p)):
-        solutions = single(module)(p[i], q[i])
+        solutions = solver(p[i], q[i])
         assert solutions.shape == (counts[i], truth.shape[1], 4, 4)
         np.testing.assert_array_equal(solutions, poses(T[i, : counts[i]]))
         core = np.zeros_like(T[i])
-        assert module.solve(p[i], q[i], core) == counts[i]
+        assert core_count(solver, p[i], q[i], core) == counts[i]
         np.testing.assert_allclose(core, T[i], atol=1e-9)
-        assert single(module)(p[i], q[i], best=True).shape == (1, truth.shape[1], 4, 4)
+        assert solver(p[i], q[i], best=True).shape == (1, truth.shape[1], 4, 4)
 
 
 @solvers
-def test_wrong_shapes_are_told(module):
-    p, q, _ = sample(module, 1)
+def test_wrong_shapes_are_told(solver):
+    p, q, _ = sample(solver, 1)
     with pytest.raises(MiniloopError, match=str(len(p))):
-        single(module)(p[:-1], q[:-1])
+        solver(p[:-1], q[:-1])
     with pytest.raises(MiniloopError, match="samples"):
-        module.solve_batch(p, q)
-    assert name_of(module) == f"cycle{len(module.MATCHES)}"
+        solver.solve_batch(p, q)
+    assert solver.name == f"cycle{len(solver.matches)}"

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from solver_cases import ALL, PLANAR, distance, name_of, poses, single
+from solver_cases import ALL, PLANAR, distance, poses
 
 from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging.rotations import average_rotations
@@ -19,41 +19,41 @@ from miniloop_cli.refinement.posegraph import refine_pose_graph
 
 SCALES_M = (1e-3, 1.0, 1e3)
 FAR_M = np.array([1e4, -1e4, 1e4])
-solvers = pytest.mark.parametrize("module", ALL.values(), ids=ALL.keys())
+solvers = pytest.mark.parametrize("solver", ALL.values(), ids=ALL.keys())
 
 
-def problems(module, count=20):
+def problems(solver, count=20):
     rng = np.random.default_rng(5)
-    return random_problems(rng, module.MATCHES, count, upright=name_of(module) in PLANAR)
+    return random_problems(rng, solver.matches, count, upright=solver.name in PLANAR)
 
 
 @solvers
-def test_far_from_the_origin(module):
+def test_far_from_the_origin(solver):
     """Coordinates of 10 km leave a solver 12 digits of a metre: the motion of the scans is found to a millimetre."""
-    p, q, T = problems(module)
+    p, q, T = problems(solver)
     shift = se3.pose(np.eye(3), FAR_M)
     back = se3.inverse(shift)
     missed = 0
     for sample_p, sample_q, truth in zip(p, q, T, strict=True):
-        found = single(module)(sample_p + FAR_M, sample_q + FAR_M)
+        found = solver(sample_p + FAR_M, sample_q + FAR_M)
         missed += not len(found) or distance(back @ found @ shift, truth).min() > 1e-3
     assert missed <= 1  # an ill-conditioned sample in 20 may lose what digits it had
 
 
 @solvers
-def test_single_precision_is_taken_for_what_it_says(module):
-    p, q, _ = (np.float32(a) for a in problems(module))
-    T, counts = module.solve_batch(p, q)
-    T64, counts64 = module.solve_batch(p.astype(float), q.astype(float))
+def test_single_precision_is_taken_for_what_it_says(solver):
+    p, q, _ = (np.float32(a) for a in problems(solver))
+    T, counts = solver.solve_batch(p, q)
+    T64, counts64 = solver.solve_batch(p.astype(float), q.astype(float))
     np.testing.assert_array_equal(counts, counts64)
     np.testing.assert_array_equal(T, T64)
 
 
 @solvers
-def test_doubled_matches_are_refused_or_solved_without_nan(module):
-    p, q, _ = problems(module)
+def test_doubled_matches_are_refused_or_solved_without_nan(solver):
+    p, q, _ = problems(solver)
     p[:, 1], q[:, 1] = p[:, 0], q[:, 0]
-    T, counts = module.solve_batch(p, q)
+    T, counts = solver.solve_batch(p, q)
     assert np.isfinite(T).all()
     for k, count in enumerate(counts):
         R = poses(T[k, :count])[..., :3, :3]
@@ -63,13 +63,13 @@ def test_doubled_matches_are_refused_or_solved_without_nan(module):
 @solvers
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_sample_with_what_is_no_number_has_no_solution(module, side, value):
+def test_a_sample_with_what_is_no_number_has_no_solution(solver, side, value):
     """... and the others of the batch keep theirs."""
-    given = problems(module, 4)[:2]
-    expected, counts = module.solve_batch(*given)
+    given = problems(solver, 4)[:2]
+    expected, counts = solver.solve_batch(*given)
     spoiled = [a.copy() for a in given]
     spoiled[side][1].flat[4] = value
-    T, found = module.solve_batch(*spoiled)
+    T, found = solver.solve_batch(*spoiled)
     others = [0, 2, 3]
     assert found[1] == 0
     np.testing.assert_array_equal(found[others], counts[others])

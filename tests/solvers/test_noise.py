@@ -6,7 +6,8 @@ from solver_cases import SPATIAL
 
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.geometry import se3
-from miniloop_cli.solvers import cycle4, cycle5
+from miniloop_cli.solvers.cycle4 import cycle4
+from miniloop_cli.solvers.cycle5 import cycle5
 
 COUNT = 4000
 SIGMA = 0.003
@@ -27,16 +28,16 @@ def noisy(matches, rng, sigma=SIGMA):
 # Points in a unit cube, noise 0.003; measured 0.9, 2.1, 4.6, 3.4 deg.
 @pytest.mark.parametrize(("name", "median_deg"), [("pairwise", 1.1), ("cycle3", 2.4), ("cycle4", 5.2), ("cycle5", 3.9)])
 def test_median_rotation_error(name, median_deg, rng):
-    p, q, truth = noisy(SPATIAL[name].MATCHES, rng)
+    p, q, truth = noisy(SPATIAL[name].matches, rng)
     T, counts = SPATIAL[name].solve_batch(p, q)
     assert np.median(worst_edge_deg(T, counts, truth).min(axis=1)) < median_deg
 
 
-@pytest.mark.parametrize("module", [cycle4, cycle5])
-def test_nearly_real_pairs_rescue_samples(module, rng):
-    p, q, truth = noisy(module.MATCHES, rng)
+@pytest.mark.parametrize("solver", [cycle4, cycle5])
+def test_nearly_real_pairs_rescue_samples(solver, rng):
+    p, q, truth = noisy(solver.matches, rng)
     strict, tolerant = (
-        worst_edge_deg(*module.solve_batch(p, q, nearly_real=limit), truth).min(axis=1) for limit in (0.0, 0.2)
+        worst_edge_deg(*solver.solve_batch(p, q, nearly_real=limit), truth).min(axis=1) for limit in (0.0, 0.2)
     )
     assert (strict == 180).mean() > 0.03
     assert (tolerant == 180).mean() < 0.6 * (strict == 180).mean()
@@ -46,7 +47,7 @@ def test_nearly_real_pairs_rescue_samples(module, rng):
 
 
 def test_first_slot_of_the_5_cycle_is_mostly_the_best(rng):
-    p, q, truth = noisy(cycle5.MATCHES, rng)
+    p, q, truth = noisy(cycle5.matches, rng)
     errors = worst_edge_deg(*cycle5.solve_batch(p, q), truth)
     good = errors < 10
     assert good[:, 0].sum() > 0.8 * good.any(axis=1).sum()

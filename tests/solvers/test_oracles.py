@@ -7,7 +7,10 @@ from scipy.spatial.transform import Rotation
 from solver_cases import poses
 
 from miniloop_cli.bench.problems import random_problems
-from miniloop_cli.solvers import cycle3, cycle4, cycle5, pairwise
+from miniloop_cli.solvers.cycle3 import cycle3
+from miniloop_cli.solvers.cycle4 import cycle4
+from miniloop_cli.solvers.cycle5 import cycle5
+from miniloop_cli.solvers.pairwise import pairwise
 
 
 class Edge:
@@ -32,8 +35,8 @@ def circular(a, b):
     return np.abs(np.exp(1j * np.asarray(a)) - np.exp(1j * np.asarray(b)))
 
 
-def problem(module, seed):
-    p, q, truth = random_problems(np.random.default_rng(seed), module.MATCHES, 1)
+def problem(solver, seed):
+    p, q, truth = random_problems(np.random.default_rng(seed), solver.matches, 1)
     return p[0], q[0], truth[0]
 
 
@@ -49,7 +52,7 @@ def test_cycle3_is_subproblem_2_extended(seed):
         second.A @ first.k,
         second.k,
     )
-    found = cycle3.cycle3(p, q)[0]
+    found = cycle3(p, q)[0]
     assert circular(first.angle(found[0]), a) < 1e-6
     assert circular(second.angle(found[1]), -b) < 1e-6
 
@@ -85,7 +88,7 @@ def test_cycle4_is_subproblem_5(seed):
 def test_pairwise_is_procrustes_on_exact_data(seed):
     p, q, _ = problem(pairwise, seed)
     R = Rotation.align_vectors(q - q.mean(axis=0), p - p.mean(axis=0))[0].as_matrix()
-    np.testing.assert_allclose(pairwise.pairwise(p, q)[0, 0, :3, :3], R, atol=1e-9)
+    np.testing.assert_allclose(pairwise(p, q)[0, 0, :3, :3], R, atol=1e-9)
 
 
 def distinct(solutions, tolerance=1e-4):
@@ -133,7 +136,7 @@ def test_closing_a_5_cycle_by_many_starts_has_one_solution(seed):
     ends = [least_squares(closing, start, xtol=1e-14) for start in rng.uniform(-np.pi, np.pi, (80, 4))]
     solutions = distinct([end.x for end in ends if np.abs(end.fun).max() < 1e-9])
     assert len(solutions) == 1
-    best = cycle5.cycle5(p, q, best=True)[0]
+    best = cycle5(p, q, best=True)[0]
     np.testing.assert_allclose(best, truth, atol=1e-8)
     np.testing.assert_allclose(best, [edge.pose(a) for edge, a in zip(edges, solutions[0], strict=True)], atol=1e-6)
 

@@ -6,8 +6,10 @@ from solver_cases import distance
 
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.geometry import se3
-from miniloop_cli.solvers import planar2, planar3, planar4
 from miniloop_cli.solvers.batch import match_residuals
+from miniloop_cli.solvers.planar2 import planar2
+from miniloop_cli.solvers.planar3 import planar3
+from miniloop_cli.solvers.planar4 import planar4
 
 
 def pose(turn, shift):
@@ -15,7 +17,7 @@ def pose(turn, shift):
 
 
 def test_right_angle_by_hand():
-    T = planar2.planar2(np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([[0, 1.0, 2], [0, 0, 2.0]]))
+    T = planar2(np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([[0, 1.0, 2], [0, 0, 2.0]]))
     np.testing.assert_allclose(T[0, 0], pose(np.pi / 2, [0, 0, 2]), atol=1e-15)
 
 
@@ -23,28 +25,28 @@ def test_mirrored_arms_by_hand():
     """Both links of length 1 reach (1, 1) from the origin: first right then up, or first up then right."""
     p = np.array([[0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
     q = np.array([[1.0, 0, 0], [0, 0, 0], [np.sqrt(2), 0, 0]])
-    found = planar3.planar3(p, q)
+    found = planar3(p, q)
     turns = np.sort(np.degrees(np.arctan2(found[:, 0, 1, 0], found[:, 0, 0, 0])))
     np.testing.assert_allclose(turns, [-90, 90], atol=1e-9)
     np.testing.assert_allclose(match_residuals(found, p, q, (1, 1, 1)), 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("module", [planar3, planar4])
-def test_both_arms_meet_every_match(module, rng):
-    p, q, truth = random_problems(rng, module.MATCHES, 200, upright=True)
+@pytest.mark.parametrize("solver", [planar3, planar4])
+def test_both_arms_meet_every_match(solver, rng):
+    p, q, truth = random_problems(rng, solver.matches, 200, upright=True)
     for i in range(len(p)):
-        found = getattr(module, module.__name__.rsplit(".", 1)[-1])(p[i], q[i])
+        found = solver(p[i], q[i])
         assert len(found) == 2
-        assert match_residuals(found, p[i], q[i], module.MATCHES).max() < 1e-9
+        assert match_residuals(found, p[i], q[i], solver.matches).max() < 1e-9
         assert np.sort(distance(found, truth[i]))[0] < 1e-9
 
 
-@pytest.mark.parametrize("module", [planar2, planar3, planar4])
-def test_planar_motion_stays_in_its_plane(module, rng):
+@pytest.mark.parametrize("solver", [planar2, planar3, planar4])
+def test_planar_motion_stays_in_its_plane(solver, rng):
     """All z translations zero and points at any height: nothing lifts the scans."""
-    p, q, _ = random_problems(rng, module.MATCHES, 50, upright=True)
+    p, q, _ = random_problems(rng, solver.matches, 50, upright=True)
     p[..., 2] = q[..., 2]
-    T, counts = module.solve_batch(p, q)
+    T, counts = solver.solve_batch(p, q)
     assert counts.min() > 0
     assert np.abs(T[..., 2, 3]).max() < 1e-12
     np.testing.assert_array_equal(T[:, 0, :, 2, :3], np.broadcast_to([0, 0, 1], T[:, 0, :, 2, :3].shape))
@@ -53,7 +55,7 @@ def test_planar_motion_stays_in_its_plane(module, rng):
 def test_misfit_of_heights_is_spread_evenly():
     p = np.array([[0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
     q = np.array([[1.0, 0, 0], [0, 0, 0], [np.sqrt(2), 0, 0.3]])
-    found = planar3.planar3(p, q)
+    found = planar3(p, q)
     np.testing.assert_allclose(found[:, :, 2, 3], 0.1)
     np.testing.assert_allclose(match_residuals(found, p, q, (1, 1, 1)), 0.1)
 
@@ -61,10 +63,10 @@ def test_misfit_of_heights_is_spread_evenly():
 def test_out_of_reach_has_no_solution():
     p = np.array([[0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
     q = np.array([[1.0, 0, 0], [0, 0, 0], [2.5, 0, 0]])
-    assert planar3.planar3(p, q).shape == (0, 2, 4, 4)
+    assert planar3(p, q).shape == (0, 2, 4, 4)
     # Just out of reach, as by noise: the stretched arm.
     q[2, 0] = 2.001
-    stretched = planar3.planar3(p, q)
+    stretched = planar3(p, q)
     assert len(stretched) == 1
     np.testing.assert_allclose(stretched[0, 0], pose(0, [1, 0, 0]), atol=1e-12)
 
@@ -119,7 +121,7 @@ def test_the_family_of_1111_meets_all_its_matches(rng):
         middle[:3, 3] = q[1] - middle[:3, :3] @ p[1]
         # With the second edge fixed, scans 2 and 3 are one body: a 3-cycle of the remaining matches.
         through = np.array([p[0], se3.transform(se3.inverse(middle), p[2:3])[0], p[3]])
-        arms = planar3.planar3(through, q[[0, 2, 3]])
+        arms = planar3(through, q[[0, 2, 3]])
         assert len(arms) == 2
         for first, last in arms:
             poses = np.stack([first, middle, last @ se3.inverse(middle)])

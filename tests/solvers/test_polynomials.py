@@ -5,14 +5,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.solvers._kernels.polynomials import roots_on_circle, workspace
+from miniloop_cli.solvers._kernels.polynomials import ROWS, roots_on_circle
 
 EXACT = settings(derandomize=True, max_examples=200)
 
 
 def roots(f, nearly_real=0.0):
     """Sorted angles in [0, 2 pi) at which the trigonometric polynomial f (2d+1,) vanishes."""
-    memory = workspace()
+    memory = np.empty((ROWS, 12))
     memory[0, : len(f)] = f
     count = roots_on_circle(memory, len(f) // 2, nearly_real)
     np.testing.assert_allclose(np.hypot(memory[1, :count], memory[2, :count]), 1, atol=1e-14)

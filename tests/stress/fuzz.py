@@ -158,7 +158,7 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
     """Everything that reads a recording, a camera, settings or a trajectory."""
     from miniloop_cli.config import Matching
     from miniloop_cli.datasets import ImageFile, open_sequence, read_color, read_depth, read_ground_truth
-    from miniloop_cli.datasets.intrinsics import load_camera
+    from miniloop_cli.datasets.camera_files import read_camera_file
     from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.datasets.read import read_mask
     from miniloop_cli.datasets.trajectory import read_trajectory
@@ -205,7 +205,7 @@ def readers(folder: Path, room: Path) -> dict[str, Target]:
         "rgb.txt": Target(tables, sequence_with("rgb.txt")),
         "depth.txt": Target(tables, sequence_with("depth.txt")),
         "groundtruth.txt": Target([poses], file(read_trajectory)),
-        "camera.yaml": Target([(room / "camera.yaml").read_bytes()], file(load_camera)),
+        "camera.yaml": Target([(room / "camera.yaml").read_bytes()], file(read_camera_file)),
         "settings": Target(configs, file(load_settings, "input.yaml")),
         "colour": Target(images, file(lambda path: read_color(ImageFile(path)))),
         "depth": Target(images, file(lambda path: read_depth(ImageFile(path)))),

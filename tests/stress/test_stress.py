@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("resource", reason="needs POSIX")
 sys.path.append(str(Path(__file__).parent))
+import camera_files
 import fuzz
 import kills
 
@@ -30,3 +31,12 @@ def test_hundreds_of_damaged_files(tmp_path, monkeypatch):
     assert failures == []
     assert sum(sum(target.ends.values()) for target in targets.values()) == 600
     assert all(target.ends for target in targets.values())
+
+
+def test_hundreds_of_camera_files(tmp_path):
+    pytest.importorskip("ruamel.yaml", reason="the independent parser")
+    ends, faults = camera_files.campaign(tmp_path, 660, seed=1)
+    assert faults == []
+    assert sum(ends.values()) == 660
+    for kind in camera_files.KINDS:
+        assert ends[f"{kind}, none: read"] and ends[f"{kind}, damage: refused"]

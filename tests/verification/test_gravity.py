@@ -4,21 +4,28 @@ import numpy as np
 import pytest
 
 from miniloop_cli.config import Gravity, Ransac, Settings
+from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.ransac.estimate import estimate
 from miniloop_cli.ransac.gravity_aligned import estimate_upright, upright_rotations
 from miniloop_cli.ransac.matches import EdgeMatches
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.edge import Edge
+from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.priors import Accelerometer, Vertical
 from miniloop_cli.scene.verdict import Verdict
-from miniloop_cli.verification.gravity import Vertical, checked, disagreement_deg, with_gravity
+from miniloop_cli.verification.gravity import checked, disagreement_deg, with_gravity
 
 SCANS = 6
 
 
 def edge(i, j, T, inliers=40, verdict=Verdict.VERIFIED):
     return Edge(i, j, np.zeros((inliers, 2), int), np.ones(inliers, bool), T, np.eye(6), verdict=verdict)
+
+
+def readings(up):
+    """One reading a frame, once a second."""
+    return Accelerometer(np.arange(float(len(up))), 9.81 * up, up, "acc.txt")
 
 
 @pytest.fixture
@@ -40,12 +47,12 @@ def test_upright_rotations(rng):
 
 def test_exact_edges_agree_and_a_turned_one_does_not(world):
     _, up, edges = world
-    assert disagreement_deg(edges, up).max() < 1e-5
+    assert disagreement_deg(EdgeTable.of(edges), up).max() < 1e-5
     across = np.cross(up[1], [1.0, 0, 0])
     turn = se3.pose(se3.exp_so3(np.radians(10) * across / np.linalg.norm(across)), np.zeros(3))
-    off = disagreement_deg([edge(0, 1, turn @ edges[0].T_j_i)], up)
+    off = disagreement_deg(EdgeTable.of([edge(0, 1, turn @ edges[0].T_j_i)]), up)
     assert off == pytest.approx(10, abs=1e-6)
-    assert np.isnan(disagreement_deg(edges[:1], np.full((SCANS, 3), np.nan)))
+    assert np.isnan(disagreement_deg(EdgeTable.of(edges[:1]), np.full((SCANS, 3), np.nan)))
 
 
 @pytest.mark.parametrize(
@@ -55,20 +62,37 @@ def test_exact_edges_agree_and_a_turned_one_does_not(world):
 )
 def test_axes_of_a_sensor_are_found(world, axes):
     _, up, edges = world
-    found, note = checked(edges, up @ np.array(axes, float), Gravity())
+    M = np.array(axes, float)
+    found, note = checked(EdgeTable.of(edges), readings(up @ M), Gravity())
     assert note.startswith("gravity is used")
-    assert disagreement_deg(edges, found.up_cam).max() < 1e-5
+    assert "not certain" not in note
+    assert disagreement_deg(EdgeTable.of(edges), found.up_cam).max() < 1e-5
+    np.testing.assert_allclose(found.accelerometer.readings, 9.81 * found.up_cam)
+    np.testing.assert_allclose(np.abs((found.up_cam * up).sum(axis=1)), 1)
 
 
-def test_what_does_not_agree_is_not_used(world, rng):
-    _, up, edges = world
+def test_a_file_that_fits_no_axes_is_refused(world, rng):
+    _, _, edges = world
     noise = rng.normal(size=(SCANS, 3))
-    found, note = checked(edges, noise / np.linalg.norm(noise, axis=1)[:, None], Gravity())
-    assert found is None
-    assert "of this recording?" in note
-    found, note = checked(edges[:2], up, Gravity())
+    with pytest.raises(InputError, match=r"^acc\.txt: disagrees with 15 sure edges by \d+\.\d deg.* whatever .* axes"):
+        checked(EdgeTable.of(edges), readings(noise / np.linalg.norm(noise, axis=1)[:, None]), Gravity())
+
+
+def test_a_few_edges_cannot_check_it(world):
+    _, up, edges = world
+    found, note = checked(EdgeTable.of(edges[:2]), readings(up), Gravity())
     assert found is None
     assert "too few" in note
+
+
+def test_axes_that_the_edges_cannot_tell_apart_are_named(rng):
+    """A robot that turns about the vertical only: its sensor may as well stand on its head or lie on its side."""
+    heading = rng.uniform(-2, 2, SCANS)[:, None] * [0, 0, 1.0]
+    T = se3.pose(se3.exp_so3(heading) @ [[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]], rng.normal(size=(SCANS, 3)))
+    edges = [edge(i, j, se3.inverse(T[j]) @ T[i]) for i in range(SCANS) for j in range(i + 1, SCANS)]
+    found, note = checked(EdgeTable.of(edges), readings(T[:, 2, :3]), Gravity())
+    np.testing.assert_allclose(found.up_cam, T[:, 2, :3], atol=1e-12)  # the camera's axes, as they fit
+    assert "not certain: " in note
 
 
 def test_edges_are_judged(world, rng):
@@ -85,18 +109,19 @@ def test_edges_are_judged(world, rng):
     ]
     points = [ScanPoints(rng.normal(size=(50, 3)), np.tile(1e-6 * np.eye(3), (50, 1, 1)))] * SCANS
     matches = {(e.i, e.j): e.matches for e in given}
-    found = with_gravity(given, Vertical(up, 1.0), matches, points, Settings(), 0, Workers(1))
-    assert [e.verdict for e in found] == [
+    how = (Settings().estimation, Gravity(), 0, Workers(1))
+    found = with_gravity(EdgeTable.of(given), Vertical(readings(up), 1.0), matches, points, *how)
+    assert found.verdict.tolist() == [
         Verdict.REJECTED,
         Verdict.VERIFIED,
         Verdict.VERIFIED,
         Verdict.VERIFIED,
         Verdict.REJECTED,
     ]
-    assert [e.confirmed for e in found] == [False, True, False, True, False]
-    assert found[0].rejection.sentence(*found[0].detail) == "contradicts gravity by 17.2 deg"
-    shaken = with_gravity(given, Vertical(up, 5.0), matches, points, Settings(), 0, Workers(1))
-    assert shaken[0].verdict == Verdict.VERIFIED  # from a hand that shakes so, 17 degrees say nothing
+    assert found.confirmed.tolist() == [False, True, False, True, False]
+    assert found.reasons()[0] == "contradicts gravity by 17.2 deg"
+    shaken = with_gravity(EdgeTable.of(given), Vertical(readings(up), 5.0), matches, points, *how)
+    assert shaken.verified[0]  # from a hand that shakes so, 17 degrees say nothing
 
 
 @pytest.mark.parametrize("scans", [2, 3, 4])

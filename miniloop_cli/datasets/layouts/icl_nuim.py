@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.numbered import RATE_HZ, given_camera, numbered_images, pair_by_number
+from miniloop_cli.datasets.numbered import given_camera
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES
+from miniloop_cli.datasets.stream import RATE_HZ, named_stream
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Sequence, Trajectory
@@ -24,10 +27,12 @@ class IclNuim:
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`, paired by frame number. Raises InputError."""
-        frames, notes, available = pair_by_number(root, numbered_images(root, "rgb"), numbered_images(root, "depth"))
-        camera = given_camera(root, camera_path) or Camera(481.2, 480.0, 319.5, 239.5, 640, 480, 5000.0, source=SOURCE)
+        found = pair(root, named_stream(root, "rgb", IMAGE_SUFFIXES), named_stream(root, "depth", DEPTH_SUFFIXES))
+        camera = given_camera(root, camera_path, found.frames, 5000.0) or Camera(
+            481.2, 480.0, 319.5, 239.5, 640, 480, 5000.0, source=SOURCE
+        )
         truth = next(iter(sorted(root.glob("*.gt.freiburg"))), None)
-        return Sequence(root.name, root, camera, frames, truth, notes, available)
+        return Sequence(root.name, root, camera, found.frames, truth, found.notes, found.available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The published poses, mirrored: F T F with F = diag(1, -1, 1, 1).

@@ -7,25 +7,25 @@ from typing import Any
 
 import numpy as np
 
+from miniloop_cli.datasets.beside import unused_confidence
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     given_camera,
-    numbered_files,
-    numbered_images,
     numbers,
-    pair_by_number,
     read_json,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.own_cameras import with_own_cameras
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, shown
+from miniloop_cli.datasets.stamps import MICROSECONDS
+from miniloop_cli.datasets.stream import named_stream, seconds_of, stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.scene.sequence import DepthFormat, Sequence, Trajectory
 
-STAMPS_HZ = 1e6  # files are named by microseconds
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
-ZOOM_TOLERANCE = 0.01
 
 
 class Polycam:
@@ -38,28 +38,28 @@ class Polycam:
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`; the images as recorded, since the depth belongs to those. Raises InputError.
 
-        The phone refocuses, so every frame has its own intrinsics; their median is used, and a note says how far the
-        focal length strays.
+        The phone refocuses, so every frame has its own intrinsics, and is read as the median camera sees it.
         """
-        color = numbered_images(root, "keyframes/images", rate_hz=STAMPS_HZ)
-        frames, notes, available = pair_by_number(
-            root, color, numbered_images(root, "keyframes/depth", rate_hz=STAMPS_HZ), STAMPS_HZ
-        )
-        camera = given_camera(root, camera_path)
+        color = named_stream(root, "keyframes/images", IMAGE_SUFFIXES, MICROSECONDS)
+        depth = named_stream(root, "keyframes/depth", DEPTH_SUFFIXES, MICROSECONDS)
+        found = pair(root, color, depth)
+        frames, notes = found.frames, (*found.notes, *unused_confidence(root, "keyframes"))
+        camera = given_camera(root, camera_path, frames)
         if camera is None:
-            files = numbered_files(root, "keyframes/cameras", (".json",), STAMPS_HZ)
-            values = np.array([_values(path, PINHOLE) for path in files.values()])
-            if not len(values):
-                raise InputError(f"{shown(root)}: no camera in keyframes/cameras; give --camera FILE")
-            median = dict(zip(PINHOLE, np.median(values, axis=0).tolist(), strict=True)) | {"depth_scale": 1000.0}
+            files = stamped_files(root, "keyframes/cameras", (".json",), MICROSECONDS)
+            values = {stamp: _values(path, PINHOLE) for stamp, path in files.items()}
+            middle = np.median(list(values.values()), axis=0).tolist()
+            median = dict(zip(PINHOLE, middle, strict=True)) | {"depth_scale": 1000.0}
             source = f"median of the {len(values)} cameras in keyframes/cameras"
             camera = make_camera(median, shown(root / "keyframes/cameras"), source)
-            stray = np.abs(values[:, 0] / camera.fx - 1).max()
-            if stray > ZOOM_TOLERANCE:
-                notes = (*notes, f"the focal length strays by up to {100 * stray:.1f} % from its median, which is used")
+            stamps = seconds_of(color.numbers, color.times, color.unit).tolist()
+            own = {s: values[t][:4] for s, t in zip(color.sources, stamps, strict=True) if t in values}
+            frames, said = with_own_cameras(frames, own, camera)
+            notes = (*notes, *said)
         truth = root / "keyframes" / "cameras"
         given = truth if truth.is_dir() else None
-        return Sequence(root.name, root, camera, frames, given, notes, available, DepthFormat(resample=True))
+        form = DepthFormat(resample=True)
+        return Sequence(root.name, root, camera, frames, given, notes, found.available, form)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """ARKit's poses t_00 ... t_23 (OpenGL camera axes), camera to world: a reference, not the truth."""
@@ -67,9 +67,9 @@ class Polycam:
             return None
         keys = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
         poses = {}
-        for number, path in numbered_files(sequence.root, "keyframes/cameras", (".json",), STAMPS_HZ).items():
+        for stamp, path in stamped_files(sequence.root, "keyframes/cameras", (".json",), MICROSECONDS).items():
             T = np.vstack([_values(path, keys).reshape(3, 4), [0, 0, 0, 1]])
-            poses[number / STAMPS_HZ] = usable_pose(T @ OPENGL_AXES, shown(path))
+            poses[stamp] = usable_pose(T @ OPENGL_AXES, shown(path))
         return trajectory_of(poses, shown(sequence.ground_truth_path))
 
 

@@ -7,24 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.intrinsics import make_camera
+from miniloop_cli.datasets.beside import unused_cameras, unused_confidence
+from miniloop_cli.datasets.camera_files import read_camera_file
+from miniloop_cli.datasets.find_frames import find_frames
 from miniloop_cli.datasets.numbered import (
-    RATE_HZ,
+    color_size,
     given_camera,
-    numbered_files,
-    numbered_images,
-    numbers,
-    pair_by_number,
     read_json,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import read_lines, shown
+from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, read_lines, shown
+from miniloop_cli.datasets.stream import stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.sequence import Sequence, Trajectory
+from miniloop_cli.scene.sequence import Frame, Sequence, Trajectory
 
-COLOR = ("color", "image")
+COLOR = ("color", "colour", "image", "images", "cam0")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "intrinsics.json", "camera.json")
 LOGS = ("trajectory.log", "odometry.log")
 
@@ -37,15 +36,27 @@ class Redwood:
         return (root / "depth").is_dir() and _first(root, COLOR) is not None and not (root / "pose").is_dir()
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`; images are paired by the first number in their names. Raises InputError."""
+        """The sequence in `root`; images are paired by tables, times in their names, or numbers. InputError."""
         folder = _first(root, COLOR)
         if folder is None:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
-        frames, notes, available = pair_by_number(
-            root, numbered_images(root, folder.name), numbered_images(root, "depth")
+        found = find_frames(root, folder.name, "depth")
+        camera, stated, used = given_camera(root, camera_path, found.frames), True, "camera.yaml"
+        if camera is None:
+            camera, stated, used = _camera(root, found.frames)
+        beside = unused_confidence(root)
+        if camera_path is None:
+            beside += unused_cameras(root, used, guessed=not used)
+        return Sequence(
+            root.name,
+            root,
+            camera,
+            found.frames,
+            _first(root, LOGS),
+            (*found.notes, *beside),
+            found.available,
+            depth_scale_assumed=not stated,
         )
-        camera = given_camera(root, camera_path) or _camera(root)
-        return Sequence(root.name, root, camera, frames, _first(root, LOGS), notes, available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """Redwood's trajectory log: for each pose a line of three numbers and four rows of a matrix, camera to world.
@@ -55,7 +66,7 @@ class Redwood:
         path, folder = sequence.ground_truth_path, _first(sequence.root, COLOR)
         if path is None or folder is None:
             return None
-        images = sorted(numbered_files(sequence.root, folder.name))
+        stamps_s = list(stamped_files(sequence.root, folder.name, IMAGE_SUFFIXES))
         lines = read_lines(path)
         poses = {}
         for start in range(0, len(lines), 5):
@@ -66,8 +77,8 @@ class Redwood:
                 raise InputError(f"{where}: not numbers") from None
             if [len(row) for row in rows] != [3, 4, 4, 4, 4] or not math.isfinite(rows[0][0]):
                 raise InputError(f"{where}: expected a line of 3 numbers and 4 rows of 4")
-            if 0 <= (k := int(rows[0][0])) < len(images):
-                poses[images[k] / RATE_HZ] = usable_pose(np.array(rows[1:]), where)
+            if 0 <= (k := int(rows[0][0])) < len(stamps_s):
+                poses[stamps_s[k]] = usable_pose(np.array(rows[1:]), where)
         return trajectory_of(poses, shown(path))
 
 
@@ -75,19 +86,13 @@ def _first(root: Path, names: tuple[str, ...]) -> Path | None:
     return next((root / name for name in names if (root / name).exists()), None)
 
 
-def _camera(root: Path) -> Camera:
+def _camera(root: Path, frames: tuple[Frame, ...]) -> tuple[Camera, bool, str]:
+    """The camera of the JSON file, else Open3D's default, whether the depth scale is stated, and in which file."""
     path = _first(root, INTRINSICS)
     if path is None:
         source = (
             "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
         )
-        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source)
-    data, where = read_json(path), shown(path)
-    columns = numbers(data.get("intrinsic_matrix"), 9, f"{where}: intrinsic_matrix")
-    values = {"fx": columns[0], "fy": columns[4], "cx": columns[6], "cy": columns[7], "depth_scale": 1000.0}
-    values |= {key: data[key] for key in ("width", "height", "depth_scale") if key in data}
-    return make_camera({key: _plain(v) for key, v in values.items()}, where, f"the sequence's own {path.name}")
-
-
-def _plain(value: object) -> object:
-    return float(value) if isinstance(value, np.floating) else value
+        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source), False, ""
+    camera = read_camera_file(path, f"the sequence's own {path.name}", color_size(frames), depth_scale=1000.0)
+    return camera, "depth_scale" in read_json(path), path.name

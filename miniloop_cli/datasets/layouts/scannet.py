@@ -6,16 +6,15 @@ from pathlib import Path
 
 from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
-    RATE_HZ,
+    color_size,
     given_camera,
-    numbered_files,
-    numbered_images,
-    pair_by_number,
     read_matrix,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, shown
+from miniloop_cli.datasets.stream import named_stream, stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import DepthFormat, Frame, Sequence, Trajectory
@@ -32,33 +31,27 @@ class ScanNet:
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`; depth of lower resolution than colour is taken to cover the same view. InputError."""
-        frames, notes, available = pair_by_number(root, numbered_images(root, "color"), numbered_images(root, "depth"))
-        camera = given_camera(root, camera_path) or _camera(root, frames)
+        found = pair(root, named_stream(root, "color", IMAGE_SUFFIXES), named_stream(root, "depth", DEPTH_SUFFIXES))
+        camera = given_camera(root, camera_path, found.frames) or _camera(root, found.frames)
         truth = root / "pose" if (root / "pose").is_dir() else None
-        return Sequence(root.name, root, camera, frames, truth, notes, available, DepthFormat(resample=True))
+        form = DepthFormat(resample=True)
+        return Sequence(root.name, root, camera, found.frames, truth, found.notes, found.available, form)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The poses of pose/, camera to world; ScanNet marks frames where tracking was lost by infinity."""
         if sequence.ground_truth_path is None:
             return None
-        files = numbered_files(sequence.root, "pose", (".txt",))
-        poses = {
-            number / RATE_HZ: usable_pose(read_matrix(path, (4, 4)), shown(path)) for number, path in files.items()
-        }
+        files = stamped_files(sequence.root, "pose", (".txt",))
+        poses = {stamp: usable_pose(read_matrix(path, (4, 4)), shown(path)) for stamp, path in files.items()}
         return trajectory_of(poses, shown(sequence.ground_truth_path))
 
 
 def _camera(root: Path, frames: tuple[Frame, ...]) -> Camera:
     """Intrinsics of the colour camera; the size, which no file of the export states, is that of the images."""
     K, where = read_matrix(root / INTRINSICS, (4, 4)), shown(root / INTRINSICS)
-    for frame in frames[:20]:
-        try:
-            header = frame.color.header()
-            break
-        except InputError:
-            continue
-    else:
+    size = color_size(frames)
+    if size is None:
         raise InputError(f"{shown(root)}: none of the first {len(frames[:20])} colour images can be read")
     values = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
-    values |= {"width": header.width, "height": header.height, "depth_scale": 1000.0}
+    values |= {"width": size[0], "height": size[1], "depth_scale": 1000.0}
     return make_camera({key: float(v) for key, v in values.items()}, where, f"the sequence's own {INTRINSICS}")

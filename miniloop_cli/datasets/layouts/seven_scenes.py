@@ -5,18 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from miniloop_cli.datasets.numbered import (
-    RATE_HZ,
-    frame_number,
     given_camera,
-    numbered_images,
-    pair_by_number,
     read_matrix,
     trajectory_of,
     usable_pose,
 )
-from miniloop_cli.datasets.paths import list_images, shown
+from miniloop_cli.datasets.pairing import pair
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.stream import named_stream, stamped_files
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.sequence import DepthFormat, Sequence, Trajectory
+from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 
 SOURCE = "7-Scenes' default (585 585 320 240)"
 UNREGISTERED = "7-Scenes' depth is not registered to colour; expect errors of some centimetres"
@@ -31,21 +29,20 @@ class SevenScenes:
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`. Raises InputError."""
-        color = numbered_images(root, ".", (".color.png", ".color.jpg"))
-        frames, notes, available = pair_by_number(root, color, numbered_images(root, ".", (".depth.png",)))
-        camera = given_camera(root, camera_path) or Camera(585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE)
+        color = named_stream(root, ".", (".color.png", ".color.jpg"))
+        found = pair(root, color, named_stream(root, ".", (".depth.png",)))
+        camera = given_camera(root, camera_path, found.frames) or Camera(
+            585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE
+        )
         truth = root if any(root.glob("frame-*.pose.txt")) else None
-        depth_format = DepthFormat(no_reading=65535)
-        notes = (*notes, UNREGISTERED)
-        return Sequence(root.name, root, camera, frames, truth, notes, available, depth_format)
+        notes = (*found.notes, Note(NoteKind.ASSUMED, UNREGISTERED))
+        form = DepthFormat(no_reading=(65535,))
+        return Sequence(root.name, root, camera, found.frames, truth, notes, found.available, form)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The poses of the .pose.txt files, camera to world; frames whose pose is not finite are left out."""
         if sequence.ground_truth_path is None:
             return None
-        poses = {}
-        for path in list_images(sequence.root, ".", (".pose.txt",)):
-            number = frame_number(path.name)
-            if number is not None:
-                poses[number / RATE_HZ] = usable_pose(read_matrix(path, (4, 4)), shown(path))
+        files = stamped_files(sequence.root, ".", (".pose.txt",))
+        poses = {stamp: usable_pose(read_matrix(path, (4, 4)), shown(path)) for stamp, path in files.items()}
         return trajectory_of(poses, shown(sequence.root))

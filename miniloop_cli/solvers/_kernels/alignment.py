@@ -4,9 +4,10 @@ H moves scan e, G moves scan e+1, so that the two matched points lie on the z ax
 T_e = G^-1 L(theta) H with L a rotation about z. The paper puts the origin into the first point; the midpoint is
 as free and splits the error of two noisy points (see docs/solvers.md for the measurement).
 
-A frame is a tuple of 12 floats: the rows x, y, z of the rotation into it, then its origin. A rigid motion K is
-a tuple of 12 floats: rotation row by row, then translation. Rotations about z are unit complex numbers (c, s).
-Everything here is inlined into the solvers; tuples live in registers, nothing is allocated.
+A frame is a row of 12 floats: the axes x, y, z of the rotation into it, then its origin. A rigid motion K is a tuple of
+12 floats: rotation row by row, then translation. Rotations about z are unit complex numbers (c, s).
+Compiled code is made once for each literal number that a call passes: so frames are rows of arrays, taken by their
+index before the call, and no function here takes an index that its callers write as a number.
 """
 
 from __future__ import annotations
@@ -29,34 +30,44 @@ TINY = 1e-150
 
 
 @njit(**OPTIONS)
-def frame_through(points: Floats, i: int, j: int) -> tuple[Motion, bool]:
-    """Frame of the axis through rows i and j of (k, 3) points: origin in their midpoint, z towards row j.
+def frame_through(first: Floats, second: Floats, frame: Floats) -> bool:
+    """Frame (12,) of the axis through two points (3,): origin in their midpoint, z towards the second.
 
-    The second value is False if the points (nearly) coincide or are not finite. The basis is Duff et al.,
-    "Building an orthonormal basis, revisited", JCGT 2017: no branch, no square root.
+    False if the points (nearly) coincide or are not finite. The basis is Duff et al., "Building an orthonormal basis,
+    revisited", JCGT 2017: no branch, no square root.
     """
-    x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
-    ox, oy, oz = points[i, 0] + 0.5 * x, points[i, 1] + 0.5 * y, points[i, 2] + 0.5 * z
+    x, y, z = second[0] - first[0], second[1] - first[1], second[2] - first[2]
+    ox, oy, oz = first[0] + 0.5 * x, first[1] + 0.5 * y, first[2] + 0.5 * z
     length = math.sqrt(x * x + y * y + z * z)
-    good = TINY < length < math.inf and length > SHORTEST_BASELINE * (abs(ox) + abs(oy) + abs(oz))
     scale = 1.0 / length
     x, y, z = x * scale, y * scale, z * scale
     sign = math.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    return (1 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y, x, y, z, ox, oy, oz), good
-
-
-@njit(**OPTIONS, inline="always")
-def axis_frame(points: Floats, i: int) -> tuple[Motion, bool]:
-    """`frame_through` rows i and i+1: the two matches that an edge of a cycle gives."""
-    return frame_through(points, i, i + 1)
+    frame[0], frame[1], frame[2] = 1 + sign * x * x * a, sign * b, -sign * x
+    frame[3], frame[4], frame[5] = b, sign + y * y * a, -y
+    frame[6], frame[7], frame[8] = x, y, z
+    frame[9], frame[10], frame[11] = ox, oy, oz
+    return TINY < length < math.inf and length > SHORTEST_BASELINE * (abs(ox) + abs(oy) + abs(oz))
 
 
 @njit(**OPTIONS)
-def aligned(frame: Motion, points: Floats, i: int) -> Point:
-    """Coordinates in `frame` of row i of (k, 3) points."""
-    x, y, z = points[i, 0] - frame[9], points[i, 1] - frame[10], points[i, 2] - frame[11]
+def edge_frames(p: Floats, q: Floats, H: Floats, G: Floats) -> bool:
+    """Frames H, G (edges, 12) of the axes through the two matches of each edge, in its first scan and in its second.
+
+    p, q (k, 3) matches, k >= 2 edges. False if an edge has no axis.
+    """
+    good = True
+    for e in range(H.shape[0]):
+        good &= frame_through(p[2 * e], p[2 * e + 1], H[e])
+        good &= frame_through(q[2 * e], q[2 * e + 1], G[e])
+    return good
+
+
+@njit(**OPTIONS)
+def aligned(frame: Floats, point: Floats) -> Point:
+    """Coordinates of a point (3,) in `frame` (12,)."""
+    x, y, z = point[0] - frame[9], point[1] - frame[10], point[2] - frame[11]
     return (
         frame[0] * x + frame[1] * y + frame[2] * z,
         frame[3] * x + frame[4] * y + frame[5] * z,
@@ -65,7 +76,7 @@ def aligned(frame: Motion, points: Floats, i: int) -> Point:
 
 
 @njit(**OPTIONS)
-def off_axis(frame: Motion, point: Point) -> bool:
+def off_axis(frame: Floats, point: Point) -> bool:
     """Whether a point in aligned coordinates is so far from the axis that a turn about it can be seen at all."""
     radius2 = point[0] * point[0] + point[1] * point[1]
     size2 = point[2] * point[2] + frame[9] * frame[9] + frame[10] * frame[10] + frame[11] * frame[11]
@@ -73,7 +84,7 @@ def off_axis(frame: Motion, point: Point) -> bool:
 
 
 @njit(**OPTIONS)
-def joint(H: Motion, G: Motion) -> Motion:
+def joint(H: Floats, G: Floats) -> Motion:
     """K = H G^-1: from the frame of the axis by which a scan is entered (G) to that by which it is left (H)."""
     x, y, z = G[9] - H[9], G[10] - H[10], G[11] - H[11]
     return (
@@ -111,10 +122,13 @@ def crossing(K: Motion) -> float:
 
 
 @njit(**OPTIONS)
-def turned(K: Motion, row: int, p: Point) -> Point:
-    """Coordinate `row` of K L(a) p as coefficients of (1, cos a, sin a)."""
-    k0, k1, k2, t = K[3 * row], K[3 * row + 1], K[3 * row + 2], K[9 + row]
-    return k2 * p[2] + t, k0 * p[0] + k1 * p[1], k1 * p[0] - k0 * p[1]
+def turned(K: Motion, p: Point) -> tuple[Point, Point, Point]:
+    """Coordinates x, y, z of K L(a) p, each as coefficients of (1, cos a, sin a)."""
+    return (
+        (K[2] * p[2] + K[9], K[0] * p[0] + K[1] * p[1], K[1] * p[0] - K[0] * p[1]),
+        (K[5] * p[2] + K[10], K[3] * p[0] + K[4] * p[1], K[4] * p[0] - K[3] * p[1]),
+        (K[8] * p[2] + K[11], K[6] * p[0] + K[7] * p[1], K[7] * p[0] - K[6] * p[1]),
+    )
 
 
 @njit(**OPTIONS)
@@ -166,8 +180,8 @@ def unit(z: complex) -> tuple[complex, bool]:
 
 
 @njit(**OPTIONS)
-def write_edge(T: Floats, s: int, e: int, H: Motion, G: Motion, cos: float, sin: float) -> None:
-    """T[s, e] = [R | t] of G^-1 L(angle) H."""
+def write_edge(T: Floats, H: Floats, G: Floats, cos: float, sin: float) -> None:
+    """T (3, 4) = [R | t] of G^-1 L(angle) H."""
     for k in range(3):
         gx, gy, gz = G[k], G[3 + k], G[6 + k]
         a, b = cos * gx + sin * gy, cos * gy - sin * gx
@@ -176,5 +190,5 @@ def write_edge(T: Floats, s: int, e: int, H: Motion, G: Motion, cos: float, sin:
             a * H[1] + b * H[4] + gz * H[7],
             a * H[2] + b * H[5] + gz * H[8],
         )
-        T[s, e, k, 0], T[s, e, k, 1], T[s, e, k, 2] = rx, ry, rz
-        T[s, e, k, 3] = G[9 + k] - (rx * H[9] + ry * H[10] + rz * H[11])
+        T[k, 0], T[k, 1], T[k, 2] = rx, ry, rz
+        T[k, 3] = G[9 + k] - (rx * H[9] + ry * H[10] + rz * H[11])

@@ -29,6 +29,8 @@ from miniloop_cli.typing import Floats
 NEARLY_REAL = 0.2
 # Intervals of F' are halved at most so often: on the last ones F varies by less than rounding.
 DEPTH = 18
+# Rows of 12 numbers that one call of roots_on_circle works in.
+ROWS = DEPTH + 10
 SAMPLES = 16
 # A Newton step so short is the last: the next would be its square.
 CONVERGED = 1e-11
@@ -175,7 +177,7 @@ def _roots_on_half(f: Floats, d: int, nearly_real: float, work: Floats, out: Flo
 def roots_on_circle(memory: Floats, d: int, nearly_real: float) -> int:
     """How many angles there are at which f vanishes; memory[1] gets their cosines, memory[2] their sines.
 
-    memory[0]: C_0, C_1, S_1, ..., C_d, S_d of f, d = 2 or 4, overwritten; memory[3:] is scratch, see `workspace`.
+    memory[0]: C_0, C_1, S_1, ..., C_d, S_d of f, d = 2 or 4, overwritten; memory (ROWS, 12) from row 3 on is scratch.
     Zero for a polynomial that is not finite or vanishes identically.
     """
     f, cosines, sines, work = memory[0], memory[1], memory[2], memory[3:]
@@ -214,9 +216,3 @@ def roots_on_circle(memory: Floats, d: int, nearly_real: float) -> int:
         for k in range(1, d + 1, 2):
             f[2 * k - 1], f[2 * k] = -f[2 * k - 1], -f[2 * k]
     return count
-
-
-@njit(**OPTIONS)
-def workspace() -> Floats:
-    """Memory for one call of roots_on_circle: a single allocation, as that costs as much as a root."""
-    return np.empty((DEPTH + 10, 12))

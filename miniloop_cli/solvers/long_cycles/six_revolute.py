@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.solvers._kernels.alignment import OPTIONS, Motion, joint
+from miniloop_cli.solvers._kernels.alignment import OPTIONS, joint
 from miniloop_cli.solvers.long_cycles.six_revolute_closure import close, closing_error
 from miniloop_cli.solvers.long_cycles.six_revolute_equations import axis_equations, reduce_equations, well_posed
 from miniloop_cli.solvers.long_cycles.six_revolute_resultant import angles_at, half_angle_forms, resultant
@@ -50,7 +50,7 @@ _NUDGE = np.cos(np.arange(30.0) ** 2).reshape(6, 5)
 
 
 @njit(**OPTIONS)
-def set_link(K: Floats, e: int, H: Motion, G: Motion) -> None:
+def set_link(K: Floats, e: int, H: Floats, G: Floats) -> None:
     """K[e] of (6, 3, 4) = H G^-1: the link entered through the axis of frame G and left through that of H."""
     k = joint(H, G)
     for i in range(3):
@@ -179,4 +179,4 @@ def solve_chain(K: Floats, nearly_real: float, angles: Floats) -> int:
         # Solutions come in pairs, and chains without any are rare: then a second cut has to agree.
         if cuts > (0 if count > 0 and count % 2 == 0 else 1):
             break
-    return count
+    return int(count)

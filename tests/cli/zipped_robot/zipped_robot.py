@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.images import decode, read_header
-from miniloop_cli.datasets.intrinsics import load_camera, make_camera
+from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import RATE_HZ, frame_number, pair_by_number
 from miniloop_cli.datasets.trajectory import from_rows
 from miniloop_cli.errors import InputError
@@ -66,7 +67,7 @@ class ZippedRobot:
         )
         frames, notes, available = pair_by_number(root, color, depth)
         values = dict(zip(KEYS, map(float, opened(root).read("lens.txt").split()), strict=True))
-        camera = load_camera(camera_path) if camera_path else make_camera(values, str(root), "lens.txt")
+        camera = read_camera_file(camera_path) if camera_path else make_camera(values, str(root), "lens.txt")
         return Sequence(root.stem, root, camera, frames, root, notes, available)
 
     def ground_truth(self, sequence):

@@ -1,0 +1,69 @@
+"""Files that lie beside the images and that the reader does not use: they are named, not passed over."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from pathlib import Path
+
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.scene.sequence import Note, NoteKind
+
+CAMERA_FILES = (
+    "calib*",
+    "cam*.yaml",
+    "cam*.yml",
+    "cam*.json",
+    "cam*.xml",
+    "cam*.txt",
+    "*camera_info*",
+    "*camera_matrix*",
+    "*intrinsic*",
+    "k.txt",
+    "scene_camera.json",
+    "transforms*.json",
+    "*.pincam",
+)
+OTHERWISE = ("traj", "pose")  # names of these hold no camera
+CONFIDENCE = ("confidence", "conf")
+SHOWN = 3
+
+
+def unused_cameras(root: Path, used: str, guessed: bool) -> tuple[Note, ...]:
+    """A note on files that look like cameras; `used` is the one that was read, if any.
+
+    Where the camera is `guessed`, the note is one that the user must see.
+    """
+    found = [path for path in sorted(root.iterdir()) if path.name != used and _looks_like_camera(path)]
+    if not found:
+        return ()
+    some = shown(", ".join(path.name + "/" * path.is_dir() for path in found[:SHOWN]) + ", ..." * (len(found) > SHOWN))
+    text = (
+        f"{some} seem{'s' * (len(found) == 1)} to describe the camera and {'is' if len(found) == 1 else 'are'} not read"
+    )
+    if guessed:
+        return (Note(NoteKind.ASSUMED, f"{text}, while the camera used is a guess; give the right one with --camera"),)
+    return (Note(NoteKind.UNUSED, f"{text}; --camera would use it"),)
+
+
+def _looks_like_camera(path: Path) -> bool:
+    name = path.name.lower()
+    if not any(fnmatch(name, pattern) for pattern in CAMERA_FILES) or any(word in name for word in OTHERWISE):
+        return False
+    inside = path.iterdir() if path.is_dir() else ()
+    return path.is_file() or any(child.suffix.lower() in (".yaml", ".yml", ".json", ".txt") for child in inside)
+
+
+def unused_confidence(root: Path, where: str = ".") -> tuple[Note, ...]:
+    """A note on a folder of confidence images in the sub-folder `where`."""
+    folder = next((name for name in CONFIDENCE if (root / where / name).is_dir()), None)
+    if folder is None:
+        return ()
+    text = f"{folder if where == '.' else f'{where}/{folder}'}/ is not used: depth of low confidence is kept"
+    return (Note(NoteKind.UNUSED, text),)
+
+
+def unused_associations(names: list[str]) -> tuple[Note, ...]:
+    """A note on association files where both tables are there."""
+    if not names:
+        return ()
+    return (Note(NoteKind.UNUSED, f"{shown(names[0])} is not used: rgb.txt and depth.txt name all images"),)

@@ -1,0 +1,69 @@
+"""Phones refocus while they record, so that every frame has intrinsics of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.image_source import ImageSource
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind
+from miniloop_cli.typing import Floats
+
+MIN_MOVED_PX = 0.25  # less at the corners of the image is not worth resampling it
+
+
+def with_own_cameras(
+    frames: tuple[Frame, ...], pinholes: Mapping[ImageSource, Floats], common: Camera
+) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
+    """Frames with the cameras (fx fy cx cy) of their colour images where these differ from the common one; notes."""
+    own = []
+    for frame in frames:
+        found = pinholes.get(frame.color)
+        if found is None:
+            own.append(frame)
+            continue
+        fx, fy, cx, cy = map(float, found)
+        camera = replace(common, fx=fx, fy=fy, cx=cx, cy=cy)
+        own.append(replace(frame, camera=camera) if _moved_px(camera, common) > MIN_MOVED_PX else frame)
+    resampled = sum(frame.camera is not None for frame in own)
+    if not resampled:
+        return frames, ()
+    stray = max(abs(frame.camera.fx / common.fx - 1) for frame in own if frame.camera)
+    text = (
+        f"the focal length strays by up to {100 * stray:.1f} % from its median: {resampled} of {len(frames)} frames "
+        "are resampled from their own camera to the median one"
+    )
+    return tuple(own), (Note(NoteKind.CONVERTED, text),)
+
+
+def to_common(
+    color: NDArray[np.uint8], stored: NDArray, own: Camera, common: Camera
+) -> tuple[NDArray[np.uint8], NDArray, NDArray[np.bool_]]:
+    """Colour and depth of a frame's own camera as the common camera sees them, and which pixels it did not see.
+
+    Depth along the optical axis stays what it is; it takes the nearest pixel, so that none is made up.
+    """
+    import cv2
+
+    M, size = _from_common(own, common), (common.width, common.height)
+    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    moved = np.asarray(cv2.warpAffine(color, M, size, flags=linear, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    depth = np.asarray(cv2.warpAffine(stored, M, size, flags=nearest), stored.dtype)
+    seen = cv2.warpAffine(np.ones(stored.shape, np.uint8), M, size, flags=nearest)
+    return moved, depth, np.asarray(seen) == 0
+
+
+def _from_common(own: Camera, common: Camera) -> Floats:
+    """(2, 3) affine map from pixels of the common camera to those of a frame's own."""
+    x, y = own.fx / common.fx, own.fy / common.fy
+    return np.array([[x, 0, own.cx - common.cx * x], [0, y, own.cy - common.cy * y]])
+
+
+def _moved_px(own: Camera, common: Camera) -> float:
+    corners = np.array([[0, 0, 1], [common.width - 1, common.height - 1, 1]], float)
+    return float(np.abs(corners @ _from_common(own, common).T - corners[:, :2]).max())

@@ -1,0 +1,242 @@
+"""Which colour image belongs to which depth image: by times where both have them, by frame numbers, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.association import MAX_DIFFERENCE_S, associate
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.stamps import EPOCH_S, FRAME_NUMBERS, SECONDS, UNITS, Unit, apart, in_seconds, unit_of
+from miniloop_cli.datasets.stream import RATE_HZ, Stream
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind
+from miniloop_cli.typing import Floats, Ints
+
+PART_GAP_S = 10.0  # between parts of a clock that starts again: no motion is interpolated across
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Frames sorted by time, what was done to get them, and how many colour and depth images there were."""
+
+    frames: tuple[Frame, ...]
+    notes: tuple[Note, ...]
+    available: tuple[int, int]
+
+
+def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_hz: float = RATE_HZ) -> Paired:
+    """The frames of two streams of images.
+
+    `together`: both streams are known to count the same frames, so that equal numbers mean equal frames also where
+    images are missing. Without times, frame number / `rate_hz` s is the stamp. Raises InputError where it cannot be
+    told which images belong together, and where none do.
+    """
+    for stream in (color, depth):
+        if not stream.sources:
+            raise InputError(f"{shown(root)}: {stream.where} names no images")
+    notes = (*color.notes, *depth.notes)
+    color, depth = _by_times_if_numbers_fail(color, depth)
+    if color.times is not None and depth.times is not None:
+        rows, color_s, depth_s, said = _by_time(root, color, depth)
+    elif color.numbers is not None and depth.numbers is not None:
+        if not together:
+            _require_same_count(root, color, depth)
+        rows, color_s, said = _by_number(root, color, depth, rate_hz)
+        depth_s = None
+    else:
+        named, other = (color, depth) if color.times is not None else (depth, color)
+        raise InputError(
+            f"{shown(root)}: {named.where} is named by times, {other.where} by numbers: nothing says which belong "
+            "together; name both alike, or write tables rgb.txt and depth.txt (timestamp filename)"
+        )
+    frames = tuple(
+        Frame(
+            float(color_s[i]),
+            color.sources[i],
+            depth.sources[j],
+            depth_timestamp_s=None if depth_s is None else float(depth_s[j]),
+        )
+        for i, j in rows.tolist()
+    )
+    return Paired(frames, (*notes, *said), (len(color.sources), len(depth.sources)))
+
+
+def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
+    """Frames of a table that names both images in each row. Raises InputError where its stamps are no times."""
+    if not color.sources or len(color.sources) != len(depth.sources):
+        raise InputError(f"{shown(root)}: {color.where} does not name as many depth images as colour images")
+    unit = _common_unit(root, color, depth)
+    assert color.times is not None and depth.times is not None
+    shift = _shifts([color.times / unit.per_s], [color.starts()])
+    color_s, depth_s = in_seconds(color.times, unit) + shift[0], in_seconds(depth.times, unit) + shift[0]
+    frames = [
+        Frame(float(t), c, d, depth_timestamp_s=float(u))
+        for t, c, u, d in zip(color_s, color.sources, depth_s, depth.sources, strict=True)
+    ]
+    text = f"{len(frames)} pairs as {color.where} names them, whatever their times"
+    notes = (*color.notes, *depth.notes, Note(NoteKind.PAIRED, text), *_unit_notes(color, unit))
+    frames.sort(key=lambda frame: frame.timestamp_s)
+    return Paired(tuple(frames), (*notes, *_start_notes(color)), (len(frames), len(frames)))
+
+
+def _by_times_if_numbers_fail(color: Stream, depth: Stream) -> tuple[Stream, Stream]:
+    """Streams whose whole numbers hardly agree, but lie apart as times do, with the numbers taken as times."""
+    if color.numbers is None or depth.numbers is None or color.times is not None or depth.times is not None:
+        return color, depth
+    common = len(np.intersect1d(color.numbers, depth.numbers))
+    units = [unit_of(color.numbers), unit_of(depth.numbers)]
+    if units[0] != units[1] or units[0] not in UNITS[1:]:
+        return color, depth
+    if 2 * common > min(len(color.numbers), len(depth.numbers)):
+        return color, depth
+    return (
+        replace(color, numbers=None, times=color.numbers.astype(float), unit=units[0]),
+        replace(depth, numbers=None, times=depth.numbers.astype(float), unit=units[0]),
+    )
+
+
+def _by_time(root: Path, color: Stream, depth: Stream) -> tuple[Ints, Floats, Floats, list[Note]]:
+    """Pairs (m, 2) by the nearest times, all times (s), and notes."""
+    assert color.times is not None and depth.times is not None
+    unit = _common_unit(root, color, depth)
+    starts = [color.starts(), depth.starts()]
+    if len(starts[0]) != len(starts[1]):
+        more, fewer = (color, depth) if len(starts[0]) > len(starts[1]) else (depth, color)
+        raise InputError(
+            f"{more.places[more.starts()[1]]}: the clock starts again here, but not as often in {fewer.where}; split "
+            "the recording there"
+        )
+    times = [in_seconds(color.times, unit), in_seconds(depth.times, unit)]
+    shifts = _shifts(times, starts)
+    color_s, depth_s = times[0] + shifts[0], times[1] + shifts[1]
+    orders = [np.argsort(stamps, kind="stable") for stamps in (color_s, depth_s)]
+    found = associate(color_s[orders[0]], depth_s[orders[1]])
+    if not len(found):
+        raise InputError(f"{shown(root)}: {_why_nothing(color_s, depth_s, color.where, depth.where)}")
+    notes = [*_unit_notes(color, unit), *_start_notes(color)]
+    if len(found) < max(len(color_s), len(depth_s)):
+        text = (
+            f"{len(found)} pairs from {len(color_s)} colour and {len(depth_s)} depth images, within "
+            f"{1000 * MAX_DIFFERENCE_S:.0f} ms; the others have no partner"
+        )
+        notes.append(Note(NoteKind.DROPPED, text))
+    return np.stack([orders[0][found[:, 0]], orders[1][found[:, 1]]], axis=1), color_s, depth_s, notes
+
+
+def _by_number(root: Path, color: Stream, depth: Stream, rate_hz: float) -> tuple[Ints, Floats, list[Note]]:
+    """Pairs (m, 2) by equal numbers, the times (s) of all colour images, and notes."""
+    assert color.numbers is not None and depth.numbers is not None
+    _, i, j = np.intersect1d(color.numbers, depth.numbers, assume_unique=True, return_indices=True)
+    if not len(i):
+        counts = f"({len(color.numbers)}) and depth ({len(depth.numbers)})"
+        raise InputError(f"{shown(root)}: no frame number with both colour {counts}")
+    notes, color_s = [], color.numbers / rate_hz
+    if color.times is not None and color.unit is not None and (np.diff(color.times) > 0).all():
+        color_s = in_seconds(color.times, color.unit)
+    else:
+        text = f"frames have no stamps here: frame number / {rate_hz:g} s is used"
+        notes.append(Note(NoteKind.ASSUMED, text))
+    if len(i) < max(len(color.numbers), len(depth.numbers)):
+        text = (
+            f"{len(i)} pairs from {len(color.numbers)} colour and {len(depth.numbers)} depth images, by their numbers; "
+            "the others have no partner"
+        )
+        notes.append(Note(NoteKind.DROPPED, text))
+    return np.stack([i, j], axis=1), color_s, notes
+
+
+def _require_same_count(root: Path, color: Stream, depth: Stream) -> None:
+    """Raises InputError where both streams count from the same number without gaps, but not equally far.
+
+    Then each may count its own images, and images that one of them lost shift all that follow.
+    """
+    a, b = color.numbers, depth.numbers
+    if a is None or b is None or len(a) == len(b) or a[0] != b[0]:
+        return
+    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (a, b)):
+        raise InputError(
+            f"{shown(root)}: {color.where} has {len(a)} images and {depth.where} {len(b)}, each numbered without gaps: "
+            "the numbers do not say which belong together; name the images by their times, write tables rgb.txt and "
+            "depth.txt (timestamp filename), or, if one only ended earlier, remove the images at the end of the other"
+        )
+
+
+def _common_unit(root: Path, color: Stream, depth: Stream) -> Unit:
+    """The unit of two streams of one recording. Raises InputError where they differ or nothing tells."""
+    assert color.times is not None and depth.times is not None
+    lone = [len(s.sources) < 2 and s.unit == SECONDS for s in (color, depth)]
+    units = {s.unit for s, alone in zip((color, depth), lone, strict=True) if s.unit is not None and not alone}
+    if not units and all(lone):
+        return SECONDS
+    if not units:
+        raise InputError(
+            f"{color.places[0]}: the stamps are whole numbers, {apart(color.times):g} apart: seconds, milliseconds or "
+            "frame numbers? Write them in seconds, with decimals"
+        )
+    if len(units) > 1:
+        raise InputError(
+            f"{shown(root)}: {color.where} is in {_named(color.unit)}, {depth.where} in {_named(depth.unit)}, by the "
+            "intervals of their stamps; write both in seconds"
+        )
+    return units.pop()
+
+
+def _named(unit: Unit | None) -> str:
+    return unit.name if unit else "an unknown unit"
+
+
+def _unit_notes(color: Stream, unit: Unit) -> list[Note]:
+    """How stamps that are not in seconds were understood."""
+    if unit == SECONDS or color.times is None:
+        return []
+    if unit == FRAME_NUMBERS:
+        text = f"the stamps of {color.where} count frames: number / {RATE_HZ:g} s is used"
+        return [Note(NoteKind.ASSUMED, text)]
+    since_1970 = EPOCH_S[0] <= float(np.abs(color.times).max()) / unit.per_s < EPOCH_S[1]
+    interval = _plainly(apart(color.times))
+    text = f"the stamps of {color.where}, {interval} apart, are taken as {unit.name} and used in seconds"
+    return [Note(NoteKind.CONVERTED if since_1970 else NoteKind.ASSUMED, text)]
+
+
+def _plainly(number: float) -> str:
+    """A number without an exponent."""
+    return f"{number:.0f}" if number >= 1000 else f"{number:g}"
+
+
+def _start_notes(color: Stream) -> list[Note]:
+    """That a clock started again."""
+    starts = color.starts()
+    if len(starts) < 2:
+        return []
+    some = ", ".join(color.places[k] for k in starts[1:4].tolist())
+    text = (
+        f"the clock starts again at {some}: a new part, whose stamps are moved behind those before it, "
+        f"{PART_GAP_S:g} s between"
+    )
+    return [Note(NoteKind.ASSUMED, text)]
+
+
+def _shifts(times: Many[Floats], starts: Many[Ints]) -> list[Floats]:
+    """What to add to the times (s) of each stream so that every part of the clock follows the one before it."""
+    shifts = [np.zeros(len(stream)) for stream in times]
+    bounds = [[*first.tolist(), len(stream)] for stream, first in zip(times, starts, strict=True)]
+    for part in range(1, len(starts[0])):
+        before = [slice(b[part - 1], b[part]) for b in bounds]
+        now = [slice(b[part], b[part + 1]) for b in bounds]
+        end = max(float((t[s] + x[s]).max()) for t, s, x in zip(times, before, shifts, strict=True))
+        start = min(float(t[s].min()) for t, s in zip(times, now, strict=True))
+        for shift, s in zip(shifts, now, strict=True):
+            shift[s] = end + PART_GAP_S - start
+    return shifts
+
+
+def _why_nothing(color_s: Floats, depth_s: Floats, color_from: str, depth_from: str) -> str:
+    nearest = min(float(np.abs(depth_s - t).min()) for t in color_s)
+    return (
+        f"no colour image has a depth image within {1000 * MAX_DIFFERENCE_S:.0f} ms; the nearest stamps of "
+        f"{color_from} and {depth_from} are {nearest:.3f} s apart; are both of one recording, and in one unit?"
+    )

@@ -1,0 +1,221 @@
+"""Tables of images as people write them: `timestamp filename` a row, or `timestamp filename timestamp filename`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from miniloop_cli.datasets.file_names import date_s
+from miniloop_cli.datasets.images import ImageFile
+from miniloop_cli.datasets.paths import list_files, read_lines, shown, within
+from miniloop_cli.datasets.stamps import clock_starts, lost_digits, unit_of
+from miniloop_cli.datasets.stream import Stream
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import Note, NoteKind
+
+SEPARATOR = r"[\s,;]+"
+FIELD = re.compile(r"\"([^\"]*)\"|'([^']*)'|([^\s,;]+)")
+STAMP = re.compile(r"[\"']?([^\s,;\"']+)[\"']?" + SEPARATOR + r"(\S.*)")
+DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)(?=[\s;])")
+TITLES = re.compile(r"[\"']?(time|stamp|frame|index|id\b|t\b)", re.IGNORECASE)
+LARGEST = 1e19  # nanoseconds since 1970 are below
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: where it stands, its stamp as written, and what follows it."""
+
+    place: str
+    stamp: str
+    rest: str
+
+
+def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
+    """The images that a table in `root` names, in the order of its rows.
+
+    File names may be quoted, hold backslashes, be bare (they are looked for in `folders`) or absolute paths of another
+    machine (of which the longest end that exists counts); further columns are ignored. Raises InputError naming file
+    and line for a malformed row, one that points outside `root`, many equal stamps, and where no row leads to a file.
+    """
+    rows = list(_rows(root / name))
+    return _stream_of(root, name, rows, FileFinder(root, folders))
+
+
+def read_associations(
+    root: Path, name: str, color_folders: tuple[str, ...], depth_folders: tuple[str, ...]
+) -> tuple[Stream, Stream]:
+    """Colour and depth of a table of four columns, row by row; which pair is depth, its paths tell.
+
+    Raises InputError as `read_table`, and for rows with fewer columns.
+    """
+    rows = list(_rows(root / name))
+    columns = [[a or b or c for a, b, c in FIELD.findall(row.rest)] for row in rows]
+    for row, fields in zip(rows, columns, strict=True):
+        if len(fields) < 3:
+            raise InputError(f"{row.place}: expected 'timestamp filename timestamp filename'")
+    first = [Row(row.place, row.stamp, fields[0]) for row, fields in zip(rows, columns, strict=True)]
+    second = [Row(row.place, fields[1], fields[2]) for row, fields in zip(rows, columns, strict=True)]
+    color, depth = (second, first) if rows and "depth" in columns[0][0].lower() else (first, second)
+    return (
+        _stream_of(root, name, color, FileFinder(root, color_folders)),
+        _stream_of(root, name, depth, FileFinder(root, depth_folders)),
+    )
+
+
+def _stream_of(root: Path, name: str, rows: list[Row], files: FileFinder) -> Stream:
+    return _stream(root, name, rows, [files.find(row.place, row.rest) for row in rows], files)
+
+
+def _rows(path: Path) -> Iterator[Row]:
+    first = True
+    for number, line in read_lines(path):
+        place = f"{shown(path)}:{number}"
+        text = DECIMAL_COMMA.sub(r"\1.\2", line)
+        match = STAMP.fullmatch(text)
+        if first and TITLES.match(line) and not any(map(str.isdigit, line.split()[0])):
+            first = False
+            continue
+        first = False
+        if match is None:
+            raise InputError(f"{place}: expected 'timestamp filename', found '{shown(line[:40])}'")
+        yield Row(place, match[1], match[2])
+
+
+def _spellings(rest: str) -> Iterator[str]:
+    """What the file name in the rest of a row may be: a quoted part, all of it, all up to a separator."""
+    quoted = re.match(r"\"([^\"]+)\"|'([^']+)'", rest)
+    if quoted:
+        yield quoted[1] or quoted[2]
+        return
+    yield rest
+    for separator in (r"[,;\t]", r"\s{2,}", r"\s"):
+        parts = re.split(separator, rest, maxsplit=1)
+        if len(parts) > 1 and parts[0].strip():
+            yield parts[0].strip().strip("\"'")
+
+
+class FileFinder:
+    """Finds the files that rows mean, below one folder."""
+
+    def __init__(self, root: Path, folders: tuple[str, ...]) -> None:
+        self.root, self.folders = root, folders
+        self.converted = 0  # rows that mean a file otherwise than as written
+        self.cut = 0  # rows with further columns behind the file's name
+        self.missing: list[Row] = []
+
+    def find(self, place: str, rest: str) -> Path:
+        """The file that the rest of a row names; the path as it is written where there is none.
+
+        Raises InputError naming `place` for one that leads outside.
+        """
+        written = list(_spellings(rest))
+        for name in written:
+            for m, candidate in enumerate(self._candidates(name)):
+                try:
+                    path = within(self.root, candidate, place)
+                except InputError:
+                    continue
+                if path.is_file():
+                    self.converted += m > 0
+                    self.cut += name not in (rest, rest[1:-1])
+                    return path
+        self.missing.append(Row(place, "", written[-1]))
+        return within(self.root, written[-1].replace("\\", "/"), place)
+
+    def _candidates(self, name: str) -> Iterator[str]:
+        yield name
+        plain = name.replace("\\", "/")
+        yield plain
+        parts = PurePosixPath(plain).parts
+        for start in range(1, len(parts)):
+            yield "/".join(parts[start:])
+        for folder in self.folders if parts else ():
+            yield f"{folder}/{parts[-1]}"
+
+
+def _stream(root: Path, name: str, rows: list[Row], paths: list[Path], files: FileFinder) -> Stream:
+    """Rows with their files as a stream: repeated stamps left out and noted, the unit told, the stamps as written."""
+    if not rows:
+        return Stream(name, (), ())
+    values = np.array([_number(row.stamp, row.place) for row in rows])
+    notes = _file_notes(root, name, rows, files)
+    same = dict.fromkeys(zip(values.tolist(), paths, strict=True))
+    first = {key: k for k, key in reversed(list(enumerate(zip(values.tolist(), paths, strict=True))))}
+    once = np.array([first[key] for key in same])
+    kept: list[int] = []
+    starts = clock_starts(values[once])
+    for part in np.split(once, starts[1:]):
+        if (again := lost_digits(values[part])) is not None:
+            row = rows[part[again]]
+            raise InputError(
+                f"{row.place}: the stamp {shown(row.stamp)} stands in other rows too, as many do: digits were lost; "
+                "write stamps with all their decimals"
+            )
+        kept += np.sort(part[np.unique(values[part], return_index=True)[1]]).tolist()
+    if left := sorted(set(range(len(rows))) - set(kept)):
+        text = f"{len(left)} of {len(rows)} rows of {name} repeat a stamp and are not used"
+        text += f", the first: {rows[left[0]].place}"
+        notes.append(Note(NoteKind.DROPPED, text))
+    unit = unit_of(values[kept], whole=not any("." in row.stamp for row in rows))
+    return Stream(
+        name,
+        tuple(ImageFile(paths[k]) for k in kept),
+        tuple(rows[k].place for k in kept),
+        times=values[kept],
+        unit=unit,
+        notes=tuple(notes),
+    )
+
+
+def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> list[Note]:
+    """What is said of rows whose file is missing, or is found otherwise than as written.
+
+    Raises InputError where no row leads to a file: then the table is at fault, not the files.
+    """
+    notes = []
+    if files.missing:
+        row = files.missing[0]
+        if len(files.missing) >= len(rows):
+            raise InputError(
+                f"{row.place}: no such file: {shown(row.rest)}, and no other row leads to one; {_held(root, files)}"
+            )
+        text = f"{len(files.missing)} of {len(rows)} rows of {name} lead to no file, the first: {row.place}"
+        notes.append(Note(NoteKind.DROPPED, f"{text} ({shown(row.rest)})"))
+    if files.converted:
+        text = (
+            f"{files.converted} of {len(rows)} rows of {name} do not name their file as it lies here; it was found by "
+        )
+        notes.append(Note(NoteKind.CONVERTED, f"{text}the end of the name"))
+    if files.cut:
+        text = f"{files.cut} of {len(rows)} rows of {name} have further columns, which are not used"
+        notes.append(Note(NoteKind.UNUSED, text))
+    return notes
+
+
+def _held(root: Path, files: FileFinder) -> str:
+    """What the folders in which files were looked for hold, for a message."""
+    for folder in files.folders:
+        if (root / folder).is_dir():
+            found, _ = list_files(root, folder, ("",))
+            return f"{folder}/ holds {len(found)} files" + (f", as {shown(found[0].name)}" if found else "")
+    return f"there is no folder {' or '.join(files.folders) or 'for them'} in {shown(root)}"
+
+
+def _number(text: str, place: str) -> float:
+    """A finite stamp in any unit. Raises InputError naming `place`."""
+    try:
+        value = float(text)
+    except ValueError:
+        if (date := date_s(text)) is not None:
+            return date
+        raise InputError(f"{place}: expected a timestamp in seconds, found '{shown(text[:40])}'") from None
+    if not math.isfinite(value):
+        raise InputError(f"{place}: the timestamp is {text[:40]}; remove the row")
+    if abs(value) > LARGEST:
+        raise InputError(f"{place}: the timestamp {text[:40]} is too large even for nanoseconds")
+    return value
