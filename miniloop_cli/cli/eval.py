@@ -33,7 +33,8 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     type=click.Choice(CONVENTIONS),
     default=CONVENTIONS[0],
     show_default=True,
-    help="What its poses mean, where that differs; body fits how a tracked body sits on the camera.",
+    metavar="NAME",
+    help=f"What its poses mean: {', '.join(CONVENTIONS[:-1])}; or body: of a body fixed to the camera, fitted.",
 )
 @click.option(
     "--edges",
