@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,17 +61,22 @@ def outlier_rows(
     workers: Workers,
 ) -> Iterator[Row]:
     """Rows of the true graph of each recording, and of two `simulated` ones; `percent` of the edges are false."""
+    methods = dict(METHODS)
+    if peers:
+        from benchmarks.experiments.peers.outliers import installed
+
+        methods |= installed()
     with tempfile.TemporaryDirectory() as root:
         folders = list(sequences)
         for name, path in SIMULATED.items() if simulated else ():
             folders.append(simulate(Path(root) / name, seed=seed, frames=max_frames, width=320, height=240, path=path))
         for folder in folders:
             graph = true_graph(folder, max_frames, seed, workers)
-            yield from graph_rows(graph, [value / 100 for value in percent], runs, seed, peers)
+            yield from graph_rows(graph, [value / 100 for value in percent], runs, seed, methods)
 
 
 def graph_rows(
-    graph: TrueGraph, shares: Sequence[float], runs: int, seed: int = 0, peers: bool = False
+    graph: TrueGraph, shares: Sequence[float], runs: int, seed: int = 0, methods: Mapping[str, Solve] = METHODS
 ) -> Iterator[Row]:
     """One row a kind of false edges, share and method; every method sees the same graphs.
 
@@ -79,11 +84,6 @@ def graph_rows(
     and at least LEAST_POSED of the scans have a pose: `within_share` by positions (ATE), `rot_within_share` by
     rotations.
     """
-    methods = dict(METHODS)
-    if peers:
-        from benchmarks.experiments.peers.outliers import installed
-
-        methods |= installed()
     clean = {
         name: _measured(graph, graph.edges, np.zeros(len(graph.edges), bool), solve) for name, solve in methods.items()
     }

@@ -106,7 +106,7 @@ def _rows(graph: Overlaps, config: str, loops: int, least: int | None, seed: int
             mine, pairs = (np.array([r[name, variant] for r in both]).reshape(-1, 2) for name in (method, "pairwise"))
             head: Row = {"sequence": graph.sequence.name, "config": config, "variant": variant, "method": method}
             head |= {"min_matches": least, "loops": len(found), "failed": len(found) - len(both)}
-            row = head | _summary(mine, None if method == "pairwise" else pairs)
+            row = head | error_summary(mine, None if method == "pairwise" else pairs)
             rows.append(row | {f"paper_{c}": v for c, v in zip(COLUMNS, PAPER_NUMBERS[method], strict=True)})
     return rows
 
@@ -126,7 +126,7 @@ def _errors(loop: Loop, graph: Overlaps, edges: Matches, seed: int) -> Errors:
     return results
 
 
-def _summary(mine: Floats, pairs: Floats | None) -> Row:
+def error_summary(mine: Floats, pairs: Floats | None) -> Row:
     """Means and medians of (m, 2) errors; against pairwise the shares that are better, and equal."""
     row: Row = dict.fromkeys((*COLUMNS, "rot_deg_median", "trans_cm_median"))
     for k, name in enumerate(("rot_deg", "trans_cm")):

@@ -16,7 +16,7 @@ from miniloop_cli.typing import Bytes, Floats32, Ints, Pair
 WORDS = 32
 TRAINING_DESCRIPTORS = 20_000  # descriptors that the vocabulary is learnt from
 DESCRIBED_FEATURES = 300  # features of an image that describe it
-FAISS_FROM = 10_000  # images from which faiss, where installed, searches instead of a matrix product
+FAISS_FROM = 10_000  # images from which faiss is faster than a matrix product
 
 
 def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats32:
@@ -40,15 +40,18 @@ def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Flo
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
 
 
-def similar_pairs(vectors: Floats32, most: int) -> list[Pair]:
-    """Pairs (i, j), i < j, of each image with the `most` images that look most alike, sorted."""
+def similar_pairs(vectors: Floats32, most: int, faiss_from: int = FAISS_FROM) -> list[Pair]:
+    """Pairs (i, j), i < j, of each image with the `most` images that look most alike, sorted.
+
+    vectors (n, d), of length 1; faiss, where installed, searches them if there are at least `faiss_from`.
+    """
     count = len(vectors)
-    nearest = _nearest(vectors, min(most + 1, count))
+    nearest = _nearest(vectors, min(most + 1, count), faiss_from)
     return sorted({(min(i, int(j)), max(i, int(j))) for i in range(count) for j in nearest[i] if i != j and j >= 0})
 
 
-def _nearest(vectors: Floats32, most: int) -> Ints:
-    if len(vectors) >= FAISS_FROM:
+def _nearest(vectors: Floats32, most: int, faiss_from: int) -> Ints:
+    if len(vectors) >= faiss_from:
         try:
             import faiss
         except ImportError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +11,30 @@ from numpy.typing import NDArray
 from miniloop_cli.refinement.block_cholesky import BlockPattern
 from miniloop_cli.typing import Bools, Floats, Ints
 
-_DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
-_DENSE_SHARE = 0.2
-_TOLERANCE, _MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
+Method = Literal["dense", "sparse", "gradients"]
+
+DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
+DENSE_SHARE = 0.2
+TOLERANCE, MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
+
+
+def fastest_method(poses: int, blocks: int) -> Method:
+    """How a system of so many block rows, and blocks in its upper triangle, is solved in the least time."""
+    if poses <= DENSE_UP_TO:
+        return "dense"
+    return "gradients" if blocks > DENSE_SHARE * poses * poses / 2 else "sparse"
 
 
 class BlockSystem:
     """The pattern of the upper triangle: block k stands at (rows[k], cols[k]), rows <= cols; the first n are diagonal.
 
     `held` (n,) bool poses are taken out of the system: their solution is zero, and so is their covariance.
+    `method`: a dense or a sparse Cholesky factorisation, or conjugate gradients, which give no covariance: that, and
+    solutions that they do not find, are left to the dense factor. By default it is the fastest one for the pattern.
     Methods that factorise raise numpy.linalg.LinAlgError where the blocks are not positive definite.
     """
 
-    def __init__(self, held: Bools, pairs: Ints) -> None:
+    def __init__(self, held: Bools, pairs: Ints, method: Method | None = None) -> None:
         n = len(held)
         low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
         self._off = np.unique(low[low < high] * n + high[low < high])
@@ -32,8 +44,7 @@ class BlockSystem:
         place = np.cumsum(~held) - 1
         self._kept = np.flatnonzero(~held[self.rows] & ~held[self.cols])
         self._r, self._c = place[self.rows[self._kept]], place[self.cols[self._kept]]
-        m = len(self.free)
-        self._is_dense = m <= _DENSE_UP_TO or len(self._kept) > _DENSE_SHARE * m * m / 2
+        self.method = method or fastest_method(len(self.free), len(self._kept))
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -56,10 +67,10 @@ class BlockSystem:
         b = right[self.free]
         if not len(b):
             return x
-        if not self._is_dense:
+        if self.method == "sparse":
             x[self.free] = self._sparse.solve(self._sparse.factor(blocks[self._kept]), b)
             return x
-        found = self._by_gradients(blocks[self._kept], b) if len(b) > _DENSE_UP_TO else None
+        found = self._by_gradients(blocks[self._kept], b) if self.method == "gradients" else None
         if found is None:
             found = cho_solve((self._dense(blocks), True), b.ravel(), check_finite=False).reshape(-1, 6)
         x[self.free] = found
@@ -70,14 +81,15 @@ class BlockSystem:
         from scipy.linalg.lapack import dpotri
 
         Z = np.zeros((self.n, 6, 6))
-        if self._is_dense and len(self.free):
-            inverse = dpotri(self._dense(blocks), lower=1, overwrite_c=1)[0]
-            k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)
-            Z[self.free] = inverse[k[:, :, None], k[:, None, :]]
-            Z = np.tril(Z) + np.tril(Z, -1).transpose(0, 2, 1)
-        elif len(self.free):
+        if not len(self.free):
+            return Z
+        if self.method == "sparse":
             Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks[self._kept]))
-        return Z
+            return Z
+        inverse = dpotri(self._dense(blocks), lower=1, overwrite_c=1)[0]
+        k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)
+        Z[self.free] = inverse[k[:, :, None], k[:, None, :]]
+        return np.tril(Z) + np.tril(Z, -1).transpose(0, 2, 1)
 
     def _by_gradients(self, blocks: Floats, right: Floats) -> Floats | None:
         """Solution (m, 6) by conjugate gradients on the kept blocks; None where they do not settle.
@@ -95,7 +107,7 @@ class BlockSystem:
         A = bsr_array((values, column, start), shape=(right.size, right.size))
         inverse = np.linalg.inv(blocks[: len(right)])  # the diagonal ones come first
         M = LinearOperator(A.shape, lambda v: np.einsum("nij,nj->ni", inverse, v.reshape(-1, 6)).ravel())
-        x, unsettled = cg(A, right.ravel(), rtol=_TOLERANCE, maxiter=_MOST_STEPS, M=M)
+        x, unsettled = cg(A, right.ravel(), rtol=TOLERANCE, maxiter=MOST_STEPS, M=M)
         return None if unsettled or x @ right.ravel() < 0 else x.reshape(-1, 6)
 
     @cached_property

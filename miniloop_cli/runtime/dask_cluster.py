@@ -27,9 +27,11 @@ BATCH = 32  # items of a task at most: what is done again where a worker dies
 
 @dataclass(frozen=True)
 class Cluster:
-    """A connected cluster; `client` is a distributed.Client."""
+    """A connected cluster; `client` is a distributed.Client. How long to wait for answers, and for a new worker."""
 
     client: Any
+    answer_s: float = ANSWER_S
+    replaced_s: float = REPLACED_S
 
     def map(
         self, function: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
@@ -37,7 +39,7 @@ class Cluster:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
         Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
-        the rest of the items, to whoever is there within REPLACED_S. `function` must be importable there.
+        the rest of the items, to whoever is there within `replaced_s`. `function` must be importable there.
         Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
         """
         from distributed.comm.core import CommClosedError
@@ -53,8 +55,8 @@ class Cluster:
                     sends -= 1
                     if not sends:
                         raise
-                    _greet(self.client.scheduler.address)
-                    self.client.wait_for_workers(1, timeout=REPLACED_S)
+                    _greet(self.client.scheduler.address, self.answer_s)
+                    self.client.wait_for_workers(1, timeout=self.replaced_s)
 
     def _map(self, function: Callable[[Shared, Item], Result], shared: Shared, items: list[Item]) -> Iterator[Result]:
         from joblib import Parallel, delayed
@@ -73,7 +75,9 @@ class Cluster:
         from joblib import parallel_config
 
         try:
-            return parallel_config("dask", client=self.client, scatter=[package], wait_for_workers_timeout=ANSWER_S)
+            return parallel_config(
+                "dask", client=self.client, scatter=[package], wait_for_workers_timeout=self.answer_s
+            )
         except (KeyError, TimeoutError) as error:  # a worker left before it was its turn, or there is none
             raise CommClosedError(f"a worker has left ({error})") from error
 
@@ -99,8 +103,8 @@ def _told_in_one_line(address: str) -> Iterator[None]:
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Cluster]:
-    """The cluster whose scheduler listens at an address, e.g. tcp://scheduler:8786.
+def connected(address: str, answer_s: float = ANSWER_S, replaced_s: float = REPLACED_S) -> Iterator[Cluster]:
+    """The cluster whose scheduler listens at an address, e.g. tcp://scheduler:8786; the times are those of `Cluster`.
 
     Raises MiniloopError if distributed is not installed, nobody answers, there is no worker, or one has another code.
     """
@@ -109,17 +113,17 @@ def connected(address: str) -> Iterator[Cluster]:
     except ImportError as error:
         raise MiniloopError(f"--cluster needs dask ({error}): pip install 'miniloop[cluster]'") from error
     try:
-        _greet(address)
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        _greet(address, answer_s)
+        client = Client(address, timeout=answer_s, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise MiniloopError(
-            f"--cluster {address}: no scheduler answers within {ANSWER_S} s ({why}); start one with `dask scheduler` "
+            f"--cluster {address}: no scheduler answers within {answer_s} s ({why}); start one with `dask scheduler` "
             "and give the address that it prints"
         ) from error
     with _without_log_lines(), client:
-        _check_workers(client, address)
-        yield Cluster(client)
+        _check_workers(client, address, answer_s)
+        yield Cluster(client, answer_s, replaced_s)
 
 
 @contextmanager
@@ -136,21 +140,21 @@ def _without_log_lines() -> Iterator[None]:
             logger.disabled = False
 
 
-def _greet(address: str) -> None:
+def _greet(address: str, answer_s: float) -> None:
     """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
     from distributed.comm.core import connect
 
     async def greet() -> None:
-        comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
+        comm = await asyncio.wait_for(connect(address, timeout=answer_s), answer_s)
         comm.abort()
 
     with ThreadPoolExecutor(1) as thread:  # the caller's may be a notebook's, at work in a loop of its own
         thread.submit(asyncio.run, greet()).result()
 
 
-def _check_workers(client: Any, address: str) -> None:
+def _check_workers(client: Any, address: str, answer_s: float) -> None:
     try:
-        client.wait_for_workers(1, timeout=ANSWER_S)
+        client.wait_for_workers(1, timeout=answer_s)
     except TimeoutError:
         raise MiniloopError(f"--cluster {address}: no worker; start one with `dask worker {address}`") from None
     found = client.run(_version_here, on_error="return")

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from miniloop_cli.api import simulate
-from miniloop_cli.bench.minisequences import NEEDED, PAPER_NUMBERS, _summary, draw_loops
+from miniloop_cli.bench.minisequences import NEEDED, PAPER_NUMBERS, draw_loops, error_summary
 from miniloop_cli.bench.overlaps import overlaps, paper_sequence
 from miniloop_cli.bench.tables import PAPER_CYCLES, RUNS
 from miniloop_cli.cli.bench import bench
@@ -91,7 +91,7 @@ def test_loops_have_all_edges_in_order_of_time():
 def test_better_and_equal_are_counted_as_in_the_paper():
     pairs = np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 2.0], [1.0, 2.0]])
     mine = np.array([[0.5, 2.5], [1.00005, 2.00005], [0.9998, 1.9], [3.0, 1.0]])
-    row = _summary(mine, pairs)
+    row = error_summary(mine, pairs)
     assert (row["rot_better"], row["rot_equal"]) == (0.5, 0.25)
     assert (row["trans_better"], row["trans_equal"]) == (0.5, 0.25)
     assert row["rot_deg_mean"] == pytest.approx(mine[:, 0].mean()) and row["trans_cm_median"] == pytest.approx(1.950025)

@@ -10,9 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import benchmarks
-from benchmarks.experiments import outliers
 from benchmarks.experiments.false_edges import FALSE_DEG, FALSE_M, KEPT_EDGES, true_graph, with_false_edges
-from benchmarks.experiments.outliers import METHODS, graph_rows
+from benchmarks.experiments.outliers import METHODS, graph_rows, miniloop
 from miniloop_cli.api import simulate
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.parallel import Workers
@@ -91,15 +90,14 @@ def test_command_on_a_recording(folder, tmp_path):
     assert (tmp_path / "outliers.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_result_that_is_wrong_is_not_within(graph, monkeypatch):
+def test_a_result_that_is_wrong_is_not_within(graph):
     def believes_all(graph, edges):
-        T, posed, _ = outliers.miniloop(graph, graph.edges)
+        T, posed, _ = miniloop(graph, graph.edges)
         wrong = np.random.default_rng(0).normal(size=(len(T), 3)) if len(edges) != len(graph.edges) else 0
         T[:, :3, 3] += wrong
         return T, posed, replace(edges, verdict=np.full(len(edges), Verdict.VERIFIED))
 
-    monkeypatch.setattr(outliers, "METHODS", {"wrong": believes_all})
-    rows = list(graph_rows(graph, [0.2], 2))
+    rows = list(graph_rows(graph, [0.2], 2, methods={"wrong": believes_all}))
     assert [row["within_share"] for row in rows] == [0, 0] and [row["rot_within_share"] for row in rows] == [1, 1]
     assert [row["false_kept_mean"] for row in rows] == [1, 1]
 

@@ -40,12 +40,12 @@ def run_process(*arguments, cwd, **variables):
     )
 
 
-def launch(*arguments):
+def launch(*arguments, command=cli):
     """The launcher inside this process, with what a process would have left: much faster than a process."""
     stdout, stderr, status = io.StringIO(), io.StringIO(), 0
     with redirect_stdout(stdout), redirect_stderr(stderr):
         try:
-            main([str(argument) for argument in arguments])
+            main([str(argument) for argument in arguments], command)
         except SystemExit as done:
             status = done.code
     return SimpleNamespace(returncode=status, stdout=stdout.getvalue(), stderr=stderr.getvalue())

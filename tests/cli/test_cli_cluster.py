@@ -17,7 +17,6 @@ import pytest
 from command_line import ROOT, command, differing, environment, run_process
 
 from miniloop_cli.errors import MiniloopError
-from miniloop_cli.runtime import dask_cluster as cluster_module
 from miniloop_cli.runtime.dask_cluster import Cluster, connected
 from miniloop_cli.runtime.parallel import Workers
 
@@ -86,15 +85,15 @@ def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
     assert sum(process.poll() is None for process in dask.workers) == 1
 
 
-def test_a_scheduler_that_does_not_answer_is_told_within_bounds(monkeypatch, recording, tmp_path):
+def test_a_scheduler_that_does_not_answer_is_told_within_bounds(recording, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra [cluster]")
     with socket.socket() as silent:  # accepts connections and says nothing
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         begin = time.monotonic()
-        monkeypatch.setattr(cluster_module, "ANSWER_S", 1)
-        with pytest.raises(MiniloopError, match=r"no scheduler answers within 1 s.*dask scheduler"), connected(address):
+        words = r"no scheduler answers within 1 s.*dask scheduler"
+        with pytest.raises(MiniloopError, match=words), connected(address, answer_s=1):
             pass
         assert time.monotonic() - begin < 30
     done = run_process("register", recording, "-o", tmp_path / "r", "--cluster", "nonsense://x", cwd=tmp_path)
@@ -152,6 +151,10 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     ways = iter([KeyError("tcp://127.0.0.1:41279"), CommClosedError(), CancelledError(), TimeoutError()][:losses])
     asked = []
 
+    async def connect(address, timeout):
+        asked.append(address)
+        return SimpleNamespace(abort=lambda: None)
+
     def parallel_config(*_, **__):
         for loss in ways:
             raise loss
@@ -159,7 +162,7 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
 
     monkeypatch.setattr(joblib, "parallel_config", parallel_config)
     monkeypatch.setattr(joblib, "Parallel", lambda **_: lambda calls: (work(*given) for work, given, _ in calls))
-    monkeypatch.setattr(cluster_module, "_greet", asked.append)
+    monkeypatch.setattr("distributed.comm.core.connect", connect)
     scheduler = SimpleNamespace(address="tcp://here:1")
     client = SimpleNamespace(scheduler=scheduler, ncores=lambda: {"one": 2}, wait_for_workers=lambda n, timeout: n)
     work = Cluster(client).map(lambda power, item: item**power, 2, range(9))
@@ -171,10 +174,9 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     assert asked == ["tcp://here:1"] * min(losses, 3)
 
 
-def test_work_waits_for_the_next_worker_where_all_die(monkeypatch, dask, tmp_path):
+def test_work_waits_for_the_next_worker_where_all_die(dask, tmp_path):
     """What is done is not done again."""
-    monkeypatch.setattr(cluster_module, "REPLACED_S", 300)  # a machine at work takes long to start one
-    with connected(dask.address) as cluster:
+    with connected(dask.address, replaced_s=300) as cluster:  # a machine at work takes long to start one
         work = Workers(cluster=cluster).spread(cluster_work.leave_a_trace, tmp_path, range(60), "squaring", 60)
         begun = [next(work) for _ in range(8)]
         for process in dask.workers:

@@ -11,6 +11,7 @@ from textwrap import dedent
 import pytest
 from command_line import command, environment, launch
 
+from miniloop_cli.cli.bench import factory
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.signals import uninterrupted
 
@@ -42,16 +43,20 @@ def test_interrupted_while_threads_are_at_work(recording, tmp_path):
         assert stderr.strip() == INTERRUPTED
 
 
-@pytest.mark.parametrize("error", MADE_OF_IT)
-def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, monkeypatch, error):
-    def interrupted_inside(**_):
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as interrupt:
-            raise error from interrupt
+def interrupted_rows(made, seed, workers):
+    """Rows of a benchmark that is interrupted inside a library."""
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as interrupt:
+        raise MADE_OF_IT[made] from interrupt
 
-    monkeypatch.setattr("miniloop_cli.bench.solvers.solver_rows", interrupted_inside)
-    done = launch("bench", "solvers", "--problems", 10, "-q", "-o", tmp_path / "out")
+
+@pytest.mark.parametrize("made", range(len(MADE_OF_IT)))
+def test_an_interrupt_that_a_library_made_an_error_of(tmp_path, made):
+    rows, draw = f"{__name__}:interrupted_rows", "miniloop_cli.bench.solvers:draw_histograms"
+    options = (factory.whole("--made", 0, 0, "Which error."),)
+    interrupted = factory.command(factory.Benchmark("interrupted", "", "", rows, draw, columns=(), options=options))
+    done = launch("--made", made, "-q", "-o", tmp_path / "out", command=interrupted)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
 
@@ -93,13 +98,14 @@ GIVING_BACK = """
 """
 LOADING = """
     from types import SimpleNamespace
-    from miniloop_cli.features.match import _match_bits
+    from miniloop_cli.features.match import match
+    from miniloop_cli.runtime.kernels import KernelCache
+    class Loaded(KernelCache):
+        def _load_overload(self, *_): print('came back', flush=True)
     def refresh():
         os.kill(os.getpid(), signal.SIGTERM)
         for _ in range(1000): pass
-    kernels = _match_bits._cache
-    kernels._load_overload = lambda *_: print('came back', flush=True)
-    kernels.load_overload(None, SimpleNamespace(refresh=refresh))
+    Loaded(match).load_overload(None, SimpleNamespace(refresh=refresh))
     time.sleep(20)
 """
 
@@ -117,11 +123,10 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     back did so twice, and a kernel half loaded crashed (status -6 and -11, once each in 484 kills).
     """
     script = (
-        "import ctypes, os, signal, time; import miniloop_cli.bench.solvers as solvers\n"
-        f"def rows(**_):{body}"
-        "solvers.solver_rows = rows\n"
-        "from miniloop_cli.cli.main import main\n"
-        "main(['bench', 'solvers', '--problems', '10', '-q'])\n"
+        "import ctypes, os, signal, time; import click; from miniloop_cli.cli.main import main\n"
+        "@click.command()\n"
+        f"def work():{body}"
+        "main([], work)\n"
     )
     line = [*command()[:1], "-c", script]
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment(), check=False)

@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from miniloop_cli.features import retrieval
+from miniloop_cli.features.retrieval import similar_pairs
 
 
 def test_faiss_retrieves_what_the_product_of_matrices_does(monkeypatch):
     faiss = pytest.importorskip("faiss", reason="needs the extra [scale]")
     vectors = np.random.default_rng(0).normal(size=(300, 64)).astype(np.float32)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    expected = retrieval.similar_pairs(vectors, 7)
+    expected = similar_pairs(vectors, 7)
     searched = []
-    monkeypatch.setattr(retrieval, "FAISS_FROM", 100)
 
     class Index(faiss.IndexFlatIP):
         def search(self, *arguments):
@@ -20,5 +19,5 @@ def test_faiss_retrieves_what_the_product_of_matrices_does(monkeypatch):
             return super().search(*arguments)
 
     monkeypatch.setattr(faiss, "IndexFlatIP", Index)
-    assert retrieval.similar_pairs(vectors, 7) == expected
+    assert similar_pairs(vectors, 7, faiss_from=100) == expected
     assert searched

@@ -6,6 +6,7 @@ from refinement_scenes import CAMERA, errors, perturbed, scene
 from scipy.optimize import least_squares
 
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose, transform
+from miniloop_cli.refinement.block_system import DENSE_UP_TO
 from miniloop_cli.refinement.bundle import BundleSettings, bundle_adjust
 
 FIXED = BundleSettings(fixed_frame=0)
@@ -188,18 +189,20 @@ def test_covariances_are_those_of_the_errors(n, points, seen, kernel, factor, ou
     assert 0.6 < np.mean(squares) < 1.1
 
 
-def test_sparse_and_dense_paths_agree(monkeypatch):
-    import miniloop_cli.refinement.block_system as block_system
-
+def test_pieces_do_not_disturb_each_other():
+    """One piece is solved densely; as many as these together are not."""
     rng = rng_of(7)
     S = scene(rng, n=20, points=300, seen=0.3, sigma_px=1, depth_sigmas=1)
     start = perturbed(S.T, rng, 0.5, 0.02)
-    dense = bundle_adjust(start, *S.observations, CAMERA, FIXED)
-    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
-    monkeypatch.setattr(block_system, "_DENSE_SHARE", 9.0)
-    sparse = bundle_adjust(start, *S.observations, CAMERA, FIXED)
-    np.testing.assert_allclose(sparse.T_world_cam, dense.T_world_cam, atol=1e-8)
-    np.testing.assert_allclose(sparse.covariance, dense.covariance, rtol=1e-3, atol=1e-10)
+    alone = bundle_adjust(start, *S.observations, CAMERA, FIXED)
+    pieces = DENSE_UP_TO // 20 + 1
+    piece = np.repeat(np.arange(pieces), len(S.frame))
+    frame, track, px, z = (np.concatenate([a] * pieces) for a in S.observations)
+    T = np.tile(start, (pieces, 1, 1))
+    all_of_them = bundle_adjust(T, frame + 20 * piece, track + 300 * piece, px, z, CAMERA, FIXED)
+    for one in np.split(all_of_them.T_world_cam, pieces):
+        np.testing.assert_allclose(one, alone.T_world_cam, atol=1e-8)
+    np.testing.assert_allclose(all_of_them.covariance[:20], alone.covariance, rtol=1e-3, atol=1e-10)
 
 
 def test_frames_that_nothing_ties_stay():

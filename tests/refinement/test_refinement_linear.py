@@ -5,15 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import miniloop_cli.refinement.block_system as block_system
-from miniloop_cli.refinement.block_system import BlockSystem
+from miniloop_cli.refinement.block_system import DENSE_UP_TO, MOST_STEPS, BlockSystem
 
 
-def random_system(rng, n, m, held_share=0.0):
+def random_system(rng, n, m, held_share=0.0, method=None):
     """A positive definite block matrix over random pairs, dense and as blocks."""
     pairs = rng.integers(0, n, (m, 2))
     held = rng.random(n) < held_share
-    system = BlockSystem(held, pairs)
+    system = BlockSystem(held, pairs, method)
     M = np.zeros((n, 6, n, 6))
     for i, j in pairs:
         J = rng.standard_normal((6, 12))
@@ -26,18 +25,14 @@ def random_system(rng, n, m, held_share=0.0):
     return system, held, M, np.ascontiguousarray(M[system.rows, :, system.cols, :])
 
 
-@pytest.mark.parametrize("dense_up_to", [0, 10**6])
+@pytest.mark.parametrize("method", ["dense", "sparse"])
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(0, 80), st.sampled_from([0.0, 0.2]))
-def test_solutions_and_marginals_are_those_of_numpy(dense_up_to, seed, n, m, held_share):
+def test_solutions_and_marginals_are_those_of_numpy(method, seed, n, m, held_share):
     rng = np.random.default_rng(seed)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(block_system, "_DENSE_UP_TO", dense_up_to)
-        patch.setattr(block_system, "_DENSE_SHARE", 9.0 if dense_up_to == 0 else 0.0)
-        system, held, M, blocks = random_system(rng, n, m, held_share)
-        assert system._is_dense == (len(system.free) <= dense_up_to)
-        right = rng.standard_normal((n, 6))
-        x, Z = system.solve(blocks, right), system.marginals(blocks)
+    system, held, M, blocks = random_system(rng, n, m, held_share, method)
+    right = rng.standard_normal((n, 6))
+    x, Z = system.solve(blocks, right), system.marginals(blocks)
     free = np.flatnonzero(~held)
     inner = M[free][:, :, free].reshape(6 * len(free), 6 * len(free))
     expected = np.zeros((n, 6))
@@ -48,29 +43,46 @@ def test_solutions_and_marginals_are_those_of_numpy(dense_up_to, seed, n, m, hel
     assert not Z[held].any()
 
 
-def test_where_most_see_each_other_gradients_give_the_same_solution(monkeypatch):
-    rng = np.random.default_rng(3)
-    system, _, _, blocks = random_system(rng, 60, 5000, 0.1)
-    right = rng.standard_normal((60, 6))
-    direct = system.solve(blocks, right)
-    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
-    monkeypatch.setattr(BlockSystem, "_dense", None)  # must not be needed
-    np.testing.assert_allclose(system.solve(blocks, right), direct, atol=1e-5 * np.abs(direct).max())
+def test_where_most_see_each_other_gradients_give_the_same_solution():
+    right = np.random.default_rng(3).standard_normal((60, 6))
+
+    def solution(method):
+        system, _, _, blocks = random_system(np.random.default_rng(4), 60, 5000, 0.1, method)
+        return system.solve(blocks, right)
+
+    direct, found = solution("dense"), solution("gradients")
+    np.testing.assert_allclose(found, direct, atol=1e-5 * np.abs(direct).max())
+    assert (found != direct).any(), "the dense factor was asked"
 
 
-@pytest.mark.parametrize("steps", [1, 300])
-def test_gradients_that_do_not_settle_are_replaced(monkeypatch, steps):
+def test_gradients_that_do_not_settle_are_replaced():
+    """What pulls at one end of a chain is felt one pose farther a step."""
+    n = MOST_STEPS + 100
+    pairs = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    direct, system = (BlockSystem(np.zeros(n, bool), pairs, method) for method in ("dense", "gradients"))
+    blocks = np.concatenate([np.tile((2 + 1e-6) * np.eye(6), (n, 1, 1)), np.tile(-np.eye(6), (n - 1, 1, 1))])
+    right = np.zeros((n, 6))
+    right[0] = 1
+    np.testing.assert_array_equal(system.solve(blocks, right), direct.solve(blocks, right))
+
+
+def test_gradients_of_a_matrix_that_is_not_positive_definite_are_not_believed():
     rng = np.random.default_rng(4)
-    system, _, M, blocks = random_system(rng, 40, 900)
-    right = rng.standard_normal((40, 6))
-    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
-    monkeypatch.setattr(block_system, "_MOST_STEPS", steps)
-    expected = np.linalg.solve(M.reshape(240, 240), right.ravel()).reshape(-1, 6)
-    np.testing.assert_allclose(system.solve(blocks, right), expected, atol=1e-5 * np.abs(expected).max())
-    indefinite = blocks.copy()
-    indefinite[40:] *= 50
+    system, _, _, blocks = random_system(rng, 40, 900, method="gradients")
+    blocks[40:] *= 50
     with pytest.raises(np.linalg.LinAlgError):
-        system.solve(indefinite, right)
+        system.solve(blocks, rng.standard_normal((40, 6)))
+
+
+@pytest.mark.parametrize(
+    ("n", "reach", "method"),
+    [(DENSE_UP_TO, 1, "dense"), (DENSE_UP_TO + 1, 1, "sparse"), (DENSE_UP_TO + 1, DENSE_UP_TO // 2, "gradients")],
+)
+def test_the_method_follows_the_pattern(n, reach, method):
+    i, j = np.triu_indices(n, 1)
+    assert BlockSystem(np.zeros(n, bool), np.stack([i, j], axis=1)[j - i <= reach]).method == method
+    more = np.arange(2 * n) >= n  # those that are held do not count
+    assert BlockSystem(more, np.stack([i, j], axis=1)[j - i <= reach]).method == method
 
 
 def test_block_numbers_in_either_order():

@@ -4,6 +4,7 @@ from refinement_scenes import errors, graph, perturbed, tangent
 from scipy.optimize import least_squares
 
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose
+from miniloop_cli.refinement.block_system import DENSE_UP_TO
 from miniloop_cli.refinement.edge_terms import evaluate_edges, make_edges
 from miniloop_cli.refinement.posegraph import PoseGraphSettings, refine_pose_graph
 from miniloop_cli.scene.view_graph import GraphError
@@ -218,17 +219,19 @@ def test_half_turns_are_finite():
     assert np.abs(errors(T, found.T_world_cam, 0)).max() < 0.1
 
 
-def test_sparse_and_dense_paths_agree(monkeypatch):
-    import miniloop_cli.refinement.block_system as block_system
-
+def test_pieces_do_not_disturb_each_other():
+    """One piece is solved densely; as many as these together are not."""
     rng = rng_of(11)
     T, pairs, measured, information, _ = graph(rng, n=60, edges=100)
     start = perturbed(T, rng, 1.0, 0.02)
-    dense = refine_pose_graph(start, pairs, measured, information, TIGHT)
-    monkeypatch.setattr(block_system, "_DENSE_UP_TO", 0)
-    sparse = refine_pose_graph(start, pairs, measured, information, TIGHT)
-    np.testing.assert_allclose(sparse.T_world_cam, dense.T_world_cam, atol=1e-6)
-    np.testing.assert_allclose(sparse.covariance, dense.covariance, rtol=1e-4, atol=1e-10)
+    alone = refine_pose_graph(start, pairs, measured, information, TIGHT)
+    pieces = DENSE_UP_TO // 60 + 1
+    edges = (np.concatenate([a] * pieces) for a in (measured, information))
+    all_pairs = np.concatenate([pairs + 60 * k for k in range(pieces)])
+    all_of_them = refine_pose_graph(np.tile(start, (pieces, 1, 1)), all_pairs, *edges, TIGHT)
+    for one in np.split(all_of_them.T_world_cam, pieces):
+        np.testing.assert_allclose(one, alone.T_world_cam, atol=1e-6)
+    np.testing.assert_allclose(all_of_them.covariance[:60], alone.covariance, rtol=1e-4, atol=1e-10)
 
 
 @pytest.mark.parametrize(
