@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ SEPARATOR = r"[\s,;]+"
 FIELD = re.compile(r"\"([^\"]*)\"|'([^']*)'|([^\s,;]+)")
 STAMP = re.compile(r"[\"']?([^\s,;\"']+)[\"']?" + SEPARATOR + r"(\S.*)")
 DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)(?=[\s;])")
+ABSOLUTE = re.compile(r"/|[A-Za-z]:/")
 TITLES = re.compile(r"[\"']?(time|stamp|frame|index|id\b|t\b)", re.IGNORECASE)
 LARGEST = 1e19  # nanoseconds since 1970 are below
 
@@ -122,7 +124,10 @@ class FileFinder:
                     self.cut += name not in (rest, rest[1:-1])
                     return path
         self.missing.append(Row(place, "", written[-1]))
-        return within(self.root, written[-1].replace("\\", "/"), place)
+        plain = written[-1].replace("\\", "/")
+        if ABSOLUTE.match(plain) and not os.path.lexists(plain):  # of another machine: it can only mean a file here
+            plain = f"{self.folders[0]}/{PurePosixPath(plain).name}" if self.folders else PurePosixPath(plain).name
+        return within(self.root, plain, place)
 
     def _candidates(self, name: str) -> Iterator[str]:
         yield name
