@@ -38,25 +38,26 @@ class Keys:
     odd: tuple[int, ...] = ()
 
 
-def keys_of(names: Many[str], unit: Unit | None = None) -> Keys:
+def keys_of(names: Many[str], unit: Unit | None = None, files: Many[str] = ()) -> Keys:
     """Numbers and times in names without suffixes; only what differs from name to name counts.
 
-    `unit` is that of whole numbers where a layout states it. Raises InputError (reason only) where two names have
-    the same key, and where most names have none.
+    `unit` is that of whole numbers where a layout states it; `files` are the whole names, for messages. Raises
+    InputError (reason only) where two names have the same key, and where most names have none.
     """
     if (dated := _dated(names)) is not None:
         return dated
+    files = files or names
     patterns = [NUMBER.sub("#", name) for name in names]
     usual, count = Counter(patterns).most_common(1)[0]
     if "#" not in usual:
-        raise InputError(f"{names[patterns.index(usual)]} is neither a number nor a time")
+        raise InputError(f"{files[patterns.index(usual)]} is neither a number nor a time")
     if 2 * count <= len(names) and len(names) > 1:
-        other = next(name for name, pattern in zip(names, patterns, strict=True) if pattern != usual)
-        raise InputError(f"{names[patterns.index(usual)]} and {other} are not named alike")
+        other = next(file for file, pattern in zip(files, patterns, strict=True) if pattern != usual)
+        raise InputError(f"{files[patterns.index(usual)]} and {other} are not named alike")
     odd = tuple(k for k, pattern in enumerate(patterns) if pattern != usual)
     kept = [name for k, name in enumerate(names) if k not in set(odd)]
     columns = list(zip(*(NUMBER.findall(name) for name in kept), strict=True))
-    numbers, times, unit = _choose(columns, kept, unit)
+    numbers, times, unit = _choose(columns, [file for k, file in enumerate(files) if k not in set(odd)], unit)
     return Keys(numbers, times, unit, odd)
 
 

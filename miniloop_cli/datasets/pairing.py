@@ -44,7 +44,7 @@ def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_h
         rows, color_s, depth_s, said = _by_time(root, color, depth)
     elif color.numbers is not None and depth.numbers is not None:
         if not together:
-            _require_same_count(root, color, depth)
+            _require_common_count(root, color, depth)
         rows, color_s, said = _by_number(root, color, depth, rate_hz)
         depth_s = None
     else:
@@ -149,19 +149,21 @@ def _by_number(root: Path, color: Stream, depth: Stream, rate_hz: float) -> tupl
     return np.stack([i, j], axis=1), color_s, notes
 
 
-def _require_same_count(root: Path, color: Stream, depth: Stream) -> None:
-    """Raises InputError where both streams count from the same number without gaps, but not equally far.
+def _require_common_count(root: Path, color: Stream, depth: Stream) -> None:
+    """Raises InputError where both streams are numbered without gaps from about the same number, but differently.
 
-    Then each may count its own images, and images that one of them lost shift all that follow.
+    Then each may count its own images: images that one of them lost would shift all that follow.
     """
     a, b = color.numbers, depth.numbers
-    if a is None or b is None or len(a) == len(b) or a[0] != b[0]:
+    if a is None or b is None or np.array_equal(a, b):
         return
-    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (a, b)):
+    gapless = all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (a, b))
+    if gapless and abs(a[0] - b[0]) <= 1:
         raise InputError(
-            f"{shown(root)}: {color.where} has {len(a)} images and {depth.where} {len(b)}, each numbered without gaps: "
-            "the numbers do not say which belong together; name the images by their times, write tables rgb.txt and "
-            "depth.txt (timestamp filename), or, if one only ended earlier, remove the images at the end of the other"
+            f"{shown(root)}: {color.where} has {len(a)} images from {a[0]} to {a[-1]} and {depth.where} {len(b)} from "
+            f"{b[0]} to {b[-1]}, both without gaps: the numbers do not say which belong together; name the images by "
+            "their times, write tables rgb.txt and depth.txt (timestamp filename), or, if one only began later or "
+            "ended earlier, remove the surplus of the other"
         )
 
 
@@ -174,8 +176,8 @@ def _common_unit(root: Path, color: Stream, depth: Stream) -> Unit:
         return SECONDS
     if not units:
         raise InputError(
-            f"{color.places[0]}: the stamps are whole numbers, {apart(color.times):g} apart: seconds, milliseconds or "
-            "frame numbers? Write them in seconds, with decimals"
+            f"{color.places[0]}: the stamps are {apart(color.times):g} apart: seconds, milliseconds or numbers of "
+            "frames? Write them in seconds, with decimals, and so that frames are less than 8 s apart"
         )
     if len(units) > 1:
         raise InputError(

@@ -20,7 +20,8 @@ class Unit(NamedTuple):
 SECONDS = Unit(1.0, "seconds")
 FRAME_NUMBERS = Unit(30.0, "frame numbers")  # at the nominal rate of these cameras
 MICROSECONDS = Unit(1e6, "microseconds")
-UNITS = (SECONDS, Unit(1e3, "milliseconds"), MICROSECONDS, Unit(1e9, "nanoseconds"))
+MILLISECONDS = Unit(1e3, "milliseconds")
+UNITS = (SECONDS, MILLISECONDS, MICROSECONDS, Unit(1e9, "nanoseconds"))
 
 # Intervals (s) that a recording has. The units are a factor of 1000 apart, and so are the ends: one unit fits at most.
 CAMERA_S = (0.008, 8.0)
@@ -57,7 +58,12 @@ def unit_of(stamps: ArrayLike, usual_s: tuple[float, float] = CAMERA_S, whole: b
         return FRAME_NUMBERS
     if whole and 2 <= interval < MIXED_UP and usual_s == CAMERA_S:
         return None
-    return _usual(interval, usual_s) or (SECONDS if interval < usual_s[0] else None)
+    unit = _usual(interval, usual_s) or (SECONDS if interval < usual_s[0] else None)
+    if unit == MILLISECONDS and usual_s == CAMERA_S and not whole:
+        # Scans that a hand takes now and then are seconds apart, and unevenly.
+        even = float((np.abs(np.diff(times) - interval) <= 0.3 * interval).mean()) > 0.7
+        return unit if even and interval >= MIXED_UP else None
+    return unit
 
 
 def unit_beside(stamps: ArrayLike, first_s: float, last_s: float) -> Unit | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,11 +18,13 @@ from miniloop_cli.datasets.stamps import clock_starts, lost_digits, unit_of
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.typing import Floats
 
 SEPARATOR = r"[\s,;]+"
 FIELD = re.compile(r"\"([^\"]*)\"|'([^']*)'|([^\s,;]+)")
 STAMP = re.compile(r"[\"']?([^\s,;\"']+)[\"']?" + SEPARATOR + r"(\S.*)")
 DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)(?=[\s;])")
+ABSOLUTE = re.compile(r"/|[A-Za-z]:/")
 TITLES = re.compile(r"[\"']?(time|stamp|frame|index|id\b|t\b)", re.IGNORECASE)
 LARGEST = 1e19  # nanoseconds since 1970 are below
 
@@ -43,7 +46,7 @@ def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
     and line for a malformed row, one that points outside `root`, many equal stamps, and where no row leads to a file.
     """
     rows = list(_rows(root / name))
-    return _stream_of(root, name, rows, FileFinder(root, folders))
+    return _read(root, name, rows, FileFinder(root, folders))
 
 
 def read_associations(
@@ -61,14 +64,10 @@ def read_associations(
     first = [Row(row.place, row.stamp, fields[0]) for row, fields in zip(rows, columns, strict=True)]
     second = [Row(row.place, fields[1], fields[2]) for row, fields in zip(rows, columns, strict=True)]
     color, depth = (second, first) if rows and "depth" in columns[0][0].lower() else (first, second)
-    return (
-        _stream_of(root, name, color, FileFinder(root, color_folders)),
-        _stream_of(root, name, depth, FileFinder(root, depth_folders)),
-    )
-
-
-def _stream_of(root: Path, name: str, rows: list[Row], files: FileFinder) -> Stream:
-    return _stream(root, name, rows, [files.find(row.place, row.rest) for row in rows], files)
+    images = _read(root, name, color, FileFinder(root, color_folders))
+    place = {row.place: k for k, row in enumerate(color)}
+    kept = [place[where] for where in images.places]
+    return images, _read(root, name, depth, FileFinder(root, depth_folders), kept)
 
 
 def _rows(path: Path) -> Iterator[Row]:
@@ -125,7 +124,10 @@ class FileFinder:
                     self.cut += name not in (rest, rest[1:-1])
                     return path
         self.missing.append(Row(place, "", written[-1]))
-        return within(self.root, written[-1].replace("\\", "/"), place)
+        plain = written[-1].replace("\\", "/")
+        if ABSOLUTE.match(plain) and not os.path.lexists(plain):  # of another machine: it can only mean a file here
+            plain = f"{self.folders[0]}/{PurePosixPath(plain).name}" if self.folders else PurePosixPath(plain).name
+        return within(self.root, plain, place)
 
     def _candidates(self, name: str) -> Iterator[str]:
         yield name
@@ -138,18 +140,39 @@ class FileFinder:
             yield f"{folder}/{parts[-1]}"
 
 
-def _stream(root: Path, name: str, rows: list[Row], paths: list[Path], files: FileFinder) -> Stream:
-    """Rows with their files as a stream: repeated stamps left out and noted, the unit told, the stamps as written."""
-    if not rows:
-        return Stream(name, (), ())
-    values = np.array([_number(row.stamp, row.place) for row in rows])
+def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[int] | None = None) -> Stream:
+    """Rows with their files, those that repeat a stamp left out and noted; or the rows `kept`, whatever their stamps.
+
+    Raises InputError as `read_table`.
+    """
+    paths = [files.find(row.place, row.rest) for row in rows]
+    values = np.array([_number(row.stamp, row.place) for row in rows], float)
     notes = _file_notes(root, name, rows, files)
-    same = dict.fromkeys(zip(values.tolist(), paths, strict=True))
-    first = {key: k for k, key in reversed(list(enumerate(zip(values.tolist(), paths, strict=True))))}
-    once = np.array([first[key] for key in same])
-    kept: list[int] = []
-    starts = clock_starts(values[once])
-    for part in np.split(once, starts[1:]):
+    if kept is None:
+        kept = _once(rows, values, paths)
+        if left := sorted(set(range(len(rows))) - set(kept)):
+            text = f"{len(left)} of {len(rows)} rows of {name} repeat a stamp and are not used"
+            notes.append(Note(NoteKind.DROPPED, f"{text}, the first: {rows[left[0]].place}"))
+    return Stream(
+        name,
+        tuple(ImageFile(paths[k]) for k in kept),
+        tuple(rows[k].place for k in kept),
+        times=values[kept],
+        unit=unit_of(values[kept], whole=not any("." in row.stamp for row in rows)),
+        notes=tuple(notes),
+    )
+
+
+def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
+    """The rows with a stamp that no row before them has, since the clock started. InputError where too many have none.
+
+    Rows that stand twice do not count as equal stamps.
+    """
+    first: dict[tuple[float, Path], int] = {}
+    for k, key in enumerate(zip(values.tolist(), paths, strict=True)):
+        first.setdefault(key, k)
+    once, kept = np.array(list(first.values()), np.int64), []
+    for part in np.split(once, clock_starts(values[once])[1:]):
         if (again := lost_digits(values[part])) is not None:
             row = rows[part[again]]
             raise InputError(
@@ -157,19 +180,7 @@ def _stream(root: Path, name: str, rows: list[Row], paths: list[Path], files: Fi
                 "write stamps with all their decimals"
             )
         kept += np.sort(part[np.unique(values[part], return_index=True)[1]]).tolist()
-    if left := sorted(set(range(len(rows))) - set(kept)):
-        text = f"{len(left)} of {len(rows)} rows of {name} repeat a stamp and are not used"
-        text += f", the first: {rows[left[0]].place}"
-        notes.append(Note(NoteKind.DROPPED, text))
-    unit = unit_of(values[kept], whole=not any("." in row.stamp for row in rows))
-    return Stream(
-        name,
-        tuple(ImageFile(paths[k]) for k in kept),
-        tuple(rows[k].place for k in kept),
-        times=values[kept],
-        unit=unit,
-        notes=tuple(notes),
-    )
+    return kept
 
 
 def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> list[Note]:

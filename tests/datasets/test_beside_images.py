@@ -93,8 +93,8 @@ def test_confidence_and_associations_are_named(tum):
     tum.depth("confidence/10.000000.png")
     tum.text("associations.txt", "10.0 rgb/10.000000.png 10.005 depth/10.005000.png\n")
     assert said(open_sequence(tum.root), NoteKind.UNUSED) == [
-        "confidence/ is not used: depth of low confidence is kept",
         "associations.txt is not used: rgb.txt and depth.txt name all images",
+        "confidence/ is not used: depth of low confidence is kept",
     ]
 
 

@@ -81,7 +81,9 @@ def test_a_date_to_the_second_is_a_time(tiny):
 
 def test_two_files_of_one_number_are_refused_by_name(tiny):
     record(tiny, lambda k: f"take{k // 5}_{k % 5:04d}")
-    with pytest.raises(InputError, match=r"color has 10 files, .*take0_0000 and take1_0000 have the same number"):
+    with pytest.raises(
+        InputError, match=r"color has 10 files, .*take0_0000\.png and take1_0000\.png have the same number"
+    ):
         open_sequence(tiny.root)
 
 
@@ -106,7 +108,7 @@ def test_a_folder_without_usable_files_names_one(tiny, folder):
         open_sequence(tiny.root)
     for path in (tiny.root / folder).iterdir():
         path.rename(path.with_name(path.stem.replace("000", "abc").replace("0", "a").replace("1", "b") + ".png"))
-    with pytest.raises(InputError, match=r"none usable: abca is neither a number nor a time"):
+    with pytest.raises(InputError, match=r"none usable: abca\.png is neither a number nor a time"):
         open_sequence(tiny.root)
 
 
@@ -133,7 +135,37 @@ def test_counters_of_their_own_are_paired_by_microseconds(tiny, start_us):
 def test_counters_of_their_own_without_times_are_refused(tiny, color):
     redwood(tiny, lambda n, us: f"{n:07d}", lost={2, 3})
     (tiny.root / "image").rename(tiny.root / color)
-    with pytest.raises(InputError, match=rf"{color}/ has 8 images and depth/ 10, each numbered without gaps"):
+    with pytest.raises(
+        InputError, match=rf"{color}/ has 8 images from 1 to 8 and depth/ 10 from 1 to 10, both without"
+    ):
+        open_sequence(tiny.root)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_counters_that_begin_differently_are_refused_unless_it_is_plain_why(tiny, first):
+    record(tiny, lambda k: f"{k:04d}", lambda k: f"{k + first:04d}")
+    if first == 1:
+        with pytest.raises(InputError, match="color/ has 10 images from 0 to 9 and depth/ 10 from 1 to 10"):
+            open_sequence(tiny.root)
+    else:
+        assert len(open_sequence(tiny.root).frames) == COUNT - first
+
+
+def test_exr_says_what_to_do(tiny):
+    record(tiny, lambda k: f"{k:04d}", count=2)
+    for path in (tiny.root / "depth").iterdir():
+        path.rename(path.with_suffix(".exr"))
+    with pytest.raises(InputError, match=r"depth holds EXR files, which are not read; convert depth to 16-bit PNG"):
+        open_sequence(tiny.root)
+
+
+def test_a_preview_beside_each_depth_image_is_refused_by_name(tiny):
+    record(tiny, lambda k: f"{k:04d}", count=3)
+    for path in list((tiny.root / "depth").iterdir()):
+        np.save(path.with_suffix(".npy"), np.ones((48, 64), np.float32))
+    with pytest.raises(
+        InputError, match=r"depth has 6 files, none usable: 0000\.npy and 0000\.png have the same number"
+    ):
         open_sequence(tiny.root)
 
 

@@ -41,7 +41,16 @@ def test_whole_numbers_one_apart_count_frames():
     assert unit_of([1.5, 2.5, 3.5]) == SECONDS  # one a second
 
 
-@pytest.mark.parametrize("stamps", [np.arange(0, 60, 5), np.arange(0, 110, 11), 2e9 + 33 * np.arange(9)])
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        np.arange(0, 60, 5),
+        np.arange(0, 110, 11),
+        2e9 + 33 * np.arange(9),
+        10.25 * np.arange(9),  # scans by a timer, or a very fast camera
+        np.array([0.4, 31.2, 92.9, 110.3, 171.8, 180.1]),  # scans by hand
+    ],
+)
 def test_what_may_be_two_units_is_none(stamps):
     assert unit_of(stamps) is None
 

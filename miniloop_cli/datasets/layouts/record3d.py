@@ -19,7 +19,7 @@ from miniloop_cli.datasets.numbered import (
 )
 from miniloop_cli.datasets.own_cameras import with_own_cameras
 from miniloop_cli.datasets.pairing import pair
-from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, list_files, shown
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, shown
 from miniloop_cli.datasets.stamps import SECONDS
 from miniloop_cli.datasets.stream import RATE_HZ, Stream, named_stream
 from miniloop_cli.errors import InputError
@@ -29,8 +29,6 @@ from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 from miniloop_cli.typing import Floats
-
-EXR = "its depth is EXR, which OpenCV's wheels do not read; convert depth/*.exr to 16-bit PNG in millimetres"
 
 MAX_ZOOM = 0.5  # a frame's focal length beyond is not of these images
 
@@ -44,7 +42,6 @@ class Record3D:
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`. Raises InputError, also for depth in EXR or in the app's own compression."""
-        _refuse_exr(root)
         color, depth = named_stream(root, "rgb", IMAGE_SUFFIXES), named_stream(root, "depth", DEPTH_SUFFIXES)
         path = root / "metadata.json"
         data = read_json(path) if path.exists() else {}
@@ -120,12 +117,6 @@ def _if_short(color: Stream, times_s: Floats) -> tuple[Note, ...]:
         f"frameTimestamps has {len(times_s)} times, too few for the frame numbers up to {color.numbers[-1]}: not used"
     )
     return (Note(NoteKind.DROPPED, text),)
-
-
-def _refuse_exr(root: Path) -> None:
-    files, others = list_files(root, "depth", DEPTH_SUFFIXES)
-    if not files and any(path.suffix.lower() == ".exr" for path in others):
-        raise InputError(f"{shown(root)}: {EXR}")
 
 
 def _cameras(data: dict[str, Any], where: str, color: Stream) -> tuple[Camera, dict[ImageSource, Floats]]:
