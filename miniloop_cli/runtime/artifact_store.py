@@ -22,7 +22,6 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -69,7 +68,7 @@ def _plain(part: Any) -> Any:
         return content_fingerprint([part])
     if isinstance(part, np.generic):
         return part.item()
-    if isinstance(part, BaseModel):
+    if hasattr(part, "model_dump"):  # settings; pydantic need not be loaded for that
         return part.model_dump()
     if is_dataclass(part) and not isinstance(part, type):
         return {field.name: getattr(part, field.name) for field in fields(part)}
