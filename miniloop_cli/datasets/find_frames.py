@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from miniloop_cli.datasets.beside import unused_associations
+from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.pairing import Paired, pair, pair_rows
-from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES
+from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, list_files, shown
 from miniloop_cli.datasets.stream import Stream, named_stream
 from miniloop_cli.datasets.tables import read_associations, read_table
+from miniloop_cli.scene.sequence import Note, NoteKind
 
 # Where bare file names of a table are looked for, beside the folder that the table is named after.
 COLOR_FOLDERS = ("rgb", "color", "colour", "image", "images", "cam0")
@@ -25,18 +28,37 @@ def find_frames(root: Path, color: str, depth: str) -> Paired:
     tables = [root / f"{name}.txt" for name in (color, depth)]
     associations = association_files(root)
     if associations and not all(table.exists() for table in tables):
-        return pair_rows(root, *read_associations(root, associations[0].name, COLOR_FOLDERS, DEPTH_FOLDERS))
+        both = read_associations(root, associations[0].name, COLOR_FOLDERS, DEPTH_FOLDERS)
+        found = pair_rows(root, *both)
+        return replace(found, notes=(*found.notes, *_unnamed(root, both)))
     streams = (
         _stream(root, color, (color, *COLOR_FOLDERS), IMAGE_SUFFIXES),
         _stream(root, depth, (depth, *DEPTH_FOLDERS), DEPTH_SUFFIXES),
     )
     found = pair(root, *streams, together=False)
-    return replace(found, notes=(*found.notes, *unused_associations([path.name for path in associations])))
+    beside = unused_associations([path.name for path in associations])
+    return replace(found, notes=(*found.notes, *_unnamed(root, streams), *beside))
 
 
 def association_files(root: Path) -> list[Path]:
     """Files that look like an association table, by their names."""
     return sorted(path for path in root.glob("*assoc*.txt") if path.is_file())
+
+
+def _unnamed(root: Path, streams: tuple[Stream, Stream]) -> Iterator[Note]:
+    """Notes on images that lie beside those of a table, but that no row gives a frame."""
+    named = {source.path for stream in streams for source in stream.sources if isinstance(source, ImageFile)}
+    for stream in streams:
+        folders = {source.path.parent for source in stream.sources if isinstance(source, ImageFile)}
+        for folder in sorted(folders) if not stream.where.endswith("/") else ():
+            if not folder.is_dir():
+                continue
+            images, _ = list_files(folder, ".", (*IMAGE_SUFFIXES, *DEPTH_SUFFIXES))
+            left = [path for path in images if path not in named]
+            if left:
+                inside = shown(folder.relative_to(root))
+                text = f"{len(left)} of {len(images)} images in {inside}/ are not used, as {shown(left[0].name)}"
+                yield Note(NoteKind.DROPPED, f"{text}: no row of {stream.where} gives them a time of their own")
 
 
 def _stream(root: Path, folder: str, folders: tuple[str, ...], suffixes: tuple[str, ...]) -> Stream:

@@ -80,7 +80,7 @@ def within(root: Path, name: str, where: str) -> Path:
         pass  # it need not be there
     except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise InputError(f"{where} names an impossible file: {shown(name)} ({error})") from error
-    return Path(path)
+    return root / os.path.relpath(path, base)
 
 
 def require_inside(root: Path, paths: Iterable[Path]) -> None:

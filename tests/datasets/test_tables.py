@@ -105,7 +105,25 @@ def test_an_association_may_use_a_depth_image_twice(tum):
     assert [f.depth.path.stem[:4] for f in sequence.frames] == ["10.0", "10.0", "10.2", "10.2", "10.4"]
     assert [f.color.path.stem[:4] for f in sequence.frames] == ["10.0", "10.1", "10.2", "10.3", "10.4"]
     assert said(sequence, NoteKind.DROPPED) == [
-        f"1 of 6 rows of associations.txt repeat a stamp and are not used, the first: {tum.root}/associations.txt:6"
+        f"1 of 6 rows of associations.txt repeat a stamp and are not used, the first: {tum.root}/associations.txt:6",
+        "2 of 5 images in depth/ are not used, as 10.105000.png: no row of associations.txt gives them a time of their "
+        "own",
+    ]
+
+
+def test_a_folder_may_be_given_by_way_of_another(tum):
+    there = tum.root / "rgb" / ".." / ".." / tum.root.name
+    tum.text("rgb.txt", "".join((tum.root / "rgb.txt").read_text().splitlines(keepends=True)[:4]))
+    (expected, found) = (open_sequence(root) for root in (tum.root, there))
+    assert [str(note).replace(str(there), str(tum.root)) for note in found.notes] == [str(n) for n in expected.notes]
+    assert all(frame.color.path.is_relative_to(there) for frame in found.frames)
+
+
+def test_images_that_no_row_names_are_counted(tum):
+    tum.text("rgb.txt", "".join((tum.root / "rgb.txt").read_text().splitlines(keepends=True)[:4]))
+    assert said(open_sequence(tum.root), NoteKind.DROPPED) == [
+        "3 pairs from 3 colour and 5 depth images, within 20 ms; the others have no partner",
+        "2 of 5 images in rgb/ are not used, as 10.300000.png: no row of rgb.txt gives them a time of their own",
     ]
 
 
