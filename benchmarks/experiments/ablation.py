@@ -21,6 +21,7 @@ from miniloop_cli.errors import ConfigError
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens import PINHOLE
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.results.folder import read_edge_list
@@ -146,7 +147,7 @@ def _ros_camera(camera: Camera) -> Camera:
     """TUM's ROS default, for images of its size; other cameras just lose their distortion."""
     plain = default_camera()
     if (camera.width, camera.height) != (plain.width, plain.height):
-        return replace(camera, distortion=(0.0,) * 5)
+        return replace(camera, lens=PINHOLE)
     return replace(plain, depth_scale=camera.depth_scale, noise=camera.noise)
 
 

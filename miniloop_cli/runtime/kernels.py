@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from types import FunctionType
@@ -23,7 +24,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)
-        if cache and kernel is not function:  # it is the bare function under NUMBA_DISABLE_JIT
+        # Not under NUMBA_DISABLE_JIT, where it is the bare function; nor of a module that nobody could import again.
+        if cache and kernel is not function and function.__module__ in sys.modules:
             with suppress(OSError):  # where nothing can be kept, each process compiles for itself
                 kernel._cache = KernelCache(function)
         return kernel

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from command_line import invoke
 
-from miniloop_cli.runtime.artifact_store import Store, fingerprint
+from miniloop_cli.runtime.artifact_store import Artifact, Store, fingerprint
+from miniloop_cli.stages.artifacts import FEATURES
 
 
 @pytest.fixture
@@ -16,9 +17,9 @@ def store(tmp_path, monkeypatch):
     monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path))
     store = Store(tmp_path)
     for kind, number in (("features", 0), ("features", 1), ("edges", 2)):
-        store.save(kind, fingerprint(number), {"x": np.zeros(1000)})
+        store.save(Artifact(kind, 1), fingerprint(number), {"x": np.zeros(1000)})
     long_ago = time.time() - 40 * 86400
-    os.utime(store.path("features", fingerprint(0)), (long_ago, long_ago))
+    os.utime(store.path(FEATURES, fingerprint(0)), (long_ago, long_ago))
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "family.npz").write_text("precious")
     (tmp_path / "features" / "notes.txt").write_text("precious")
@@ -42,12 +43,12 @@ def test_show_an_absent_folder(tmp_path, monkeypatch):
 
 def test_prune_what_was_not_used(store):
     assert invoke("cache", "prune", "--older-than", 30).stdout == "removed 1 file, 0.0 MB\n"
-    assert store.load("features", fingerprint(0)) is None
-    assert store.load("features", fingerprint(1)) is not None
+    assert store.load(FEATURES, fingerprint(0)) is None
+    assert store.load(FEATURES, fingerprint(1)) is not None
 
 
 def test_use_keeps_an_artefact_young(store):
-    store.load("features", fingerprint(0))
+    store.load(FEATURES, fingerprint(0))
     assert invoke("cache", "prune", "--older-than", 30).stdout.startswith("removed 0 files")
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from command_line import command, contents, differing, environment, run_process
 
-from miniloop_cli.runtime.artifact_store import Store
+from miniloop_cli.runtime.artifact_store import Artifact, Store
 from miniloop_cli.runtime.atomic_files import HOST, atomic_write
 from miniloop_cli.runtime.folder_lock import exclusive
+from miniloop_cli.stages.artifacts import EDGES
 
 # Root may write everywhere; without these capabilities it is held to the same permissions as anybody.
 LIKE_ANYBODY = ("setpriv", "--bounding-set", "-dac_override,-dac_read_search", "--inh-caps", "-all")
@@ -65,7 +66,7 @@ def test_a_cache_that_fills_costs_time_only(registered, recording, tmp_path, sma
     kept = list(cache.rglob("*.npz"))
     assert kept
     assert [path for path in cache.rglob("*") if path.is_file()] == kept
-    assert all(Store(cache).load(path.parent.name, path.stem) is not None for path in kept)
+    assert all(Store(cache).load(Artifact(path.parent.name, 1), path.stem) is not None for path in kept)
 
 
 def test_a_simulation_on_a_full_disk_leaves_nothing(tmp_path, small_disk):
@@ -169,17 +170,17 @@ def flipped(content, position):
 def test_every_damage_to_an_artefact_is_noticed(tmp_path):
     """One bit anywhere, also in the names, shapes and tables of the zip file, which have no checksum of their own."""
     store, arrays = Store(tmp_path), {"a": np.arange(30.0).reshape(10, 3), "name": np.array(["x", "yz"])}
-    path = store.path("edges", "k")
-    store.save("edges", "k", arrays)
+    path = store.path(EDGES, "k")
+    store.save(EDGES, "k", arrays)
     content = path.read_bytes()
     every_byte = [lambda content, k=k: flipped(content, k) for k in range(len(content))]
     for damage in (*every_byte, *damages()):
         path.write_bytes(damage(content))
-        assert store.load("edges", "k") is None
+        assert store.load(EDGES, "k") is None
         assert not path.exists()
-    store.save("edges", "k", arrays)
+    store.save(EDGES, "k", arrays)
     assert path.read_bytes() == content
-    loaded = store.load("edges", "k")
+    loaded = store.load(EDGES, "k")
     assert loaded.keys() == arrays.keys()
     assert all(np.array_equal(loaded[name], arrays[name]) for name in arrays)
 

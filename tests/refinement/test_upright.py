@@ -78,7 +78,7 @@ def test_no_readings_no_vertical(rng):
 def test_poses_that_are_not_refined_are_laid_level_too(rng):
     stamps_s = 100 + np.arange(0, 20, 0.2)
     poses = Poses(WORLD @ pose_at(stamps_s), np.zeros(100, int))
-    scans = Scans([], [], stamps_s, stamps_s, None)
+    scans = Scans([], [], stamps_s, stamps_s, None, "rootsift")
     assert level(poses, scans) == (poses, [])
     scans = replace(scans, vertical=Vertical(readings(rng, stamps_s), 3.0))
     found, terms = level(poses, scans)

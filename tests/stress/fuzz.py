@@ -241,7 +241,7 @@ def results(folder: Path, room: Path, result: Path) -> dict[str, Target]:
                 if turn == 0:
                     evaluate(result, room / "groundtruth.txt")
                 elif turn == 1:
-                    judge(load(result))
+                    judge(load(result).columns)
                 else:
                     writers[turn - 2](open_model(result, None, None, None), folder / "exported")
             finally:
