@@ -25,6 +25,7 @@ def worst_deg(R, true):
     return rotation_angle_deg(np.swapaxes(true, 1, 2) @ R).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["votes", "tree"])
 @pytest.mark.parametrize("kind", ["video", "expander"])
 @pytest.mark.parametrize("scans", [2, 7, 60, 500])

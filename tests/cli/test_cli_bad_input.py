@@ -157,6 +157,7 @@ def test_every_depth_image_of_eight_bits(copied, tmp_path, monkeypatch):
     check_failed_run(tmp_path / "out", "8-bit")
 
 
+@pytest.mark.slow
 def test_no_overlap_at_all(copied, tmp_path, registered):
     """Every image shows something else; an earlier result in the same folder must not survive."""
     rng = np.random.default_rng(0)

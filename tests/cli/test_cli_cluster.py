@@ -59,6 +59,7 @@ def dask(tmp_path, shared):
     assert not (shared / "nothing-is-kept-here").exists(), "results stay with the caller"
 
 
+@pytest.mark.slow
 def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recording, registered, shared, tmp_path):
     address, workers = dask.address, dask.workers
     output = tmp_path / "results"
@@ -85,6 +86,7 @@ def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
     assert sum(process.poll() is None for process in dask.workers) == 1
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_told_within_bounds(recording, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra [cluster]")
     with socket.socket() as silent:  # accepts connections and says nothing
@@ -102,6 +104,7 @@ def test_a_scheduler_that_does_not_answer_is_told_within_bounds(recording, tmp_p
     assert "--cluster nonsense://x" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_notebook_may_ask_for_a_cluster():
     """Its code runs inside a loop, where no other loop can be run."""
     pytest.importorskip("distributed", reason="needs the extra [cluster]")
@@ -120,6 +123,7 @@ def test_without_dask_the_way_to_get_it_is_told(monkeypatch):
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", ["scheduler", "workers"])
 def test_a_cluster_that_is_lost_is_told_in_one_line_and_the_run_continues(
     dask, recording, registered, shared, tmp_path, lost
@@ -174,6 +178,7 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     assert asked == ["tcp://here:1"] * min(losses, 3)
 
 
+@pytest.mark.slow
 def test_work_waits_for_the_next_worker_where_all_die(dask, tmp_path):
     """What is done is not done again."""
     with connected(dask.address, replaced_s=300) as cluster:  # a machine at work takes long to start one

@@ -124,6 +124,7 @@ def test_the_feature_of_the_docs(recording, tmp_path, monkeypatch):
     assert evaluate(tmp_path / "out", recording).numbers["ate_rmse_m"] < 0.01
 
 
+@pytest.mark.slow
 def test_the_solver_of_the_docs(tmp_path):
     solver = block("solver", tmp_path).svd3
     p, q, T = random_problems(np.random.default_rng(0), solver.matches, 200)

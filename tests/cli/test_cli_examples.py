@@ -32,6 +32,7 @@ def test_every_example_has_a_test():
         assert f'"{path.name}"' in text or path.name == "__pycache__", path.name
 
 
+@pytest.mark.slow
 def test_quickstart(run_example, tmp_path):
     out = run_example("quickstart.py", "here")
     assert "8 of 8 frames registered" in out
@@ -46,6 +47,7 @@ def test_read_results(run_example, registered):
     assert out.count("edge ") == 3
 
 
+@pytest.mark.slow
 def test_compare_settings(run_example, recording):
     lines = run_example("compare_settings.py", recording).splitlines()
     assert len(lines) == 6
@@ -80,6 +82,7 @@ def batch(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_batch(batch, recording):
     done = batch("-c", "fast", recording, "nowhere")
     assert done.returncode == 1

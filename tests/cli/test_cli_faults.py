@@ -43,6 +43,7 @@ def whole(folder, reference):
     return set(found)
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_and_is_given_room(registered, recording, shared, tmp_path, small_disk):
     reference = contents(registered.folder)
     output = small_disk("100k") / "out"
@@ -58,6 +59,7 @@ def test_a_disk_that_fills_and_is_given_room(registered, recording, shared, tmp_
     assert differing(output, registered.folder) == []
 
 
+@pytest.mark.slow
 def test_a_cache_that_fills_costs_time_only(registered, recording, tmp_path, small_disk):
     cache = small_disk("700k")
     done = run_process("register", recording, "-o", tmp_path / "out", "-q", cwd=tmp_path, MINILOOP_CACHE=cache)
@@ -69,6 +71,7 @@ def test_a_cache_that_fills_costs_time_only(registered, recording, tmp_path, sma
     assert all(Store(cache).load(Artifact(path.parent.name, 1), path.stem) is not None for path in kept)
 
 
+@pytest.mark.slow
 def test_a_simulation_on_a_full_disk_leaves_nothing(tmp_path, small_disk):
     disk = small_disk("300k")
     done = run_process("simulate", disk / "room", "--frames", 9, "--width", 320, "--height", 240, "-q", cwd=tmp_path)
@@ -78,6 +81,7 @@ def test_a_simulation_on_a_full_disk_leaves_nothing(tmp_path, small_disk):
     assert list(disk.iterdir()) == []
 
 
+@pytest.mark.slow
 @posix
 def test_no_permission_to_write(registered, recording, tmp_path):
     prefix = LIKE_ANYBODY if os.geteuid() == 0 else ()
@@ -107,6 +111,7 @@ def test_no_permission_to_write(registered, recording, tmp_path):
         path.chmod(0o755)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc; RLIMIT_AS is not heeded elsewhere")
 @pytest.mark.parametrize("more_mb", [40, 200])
 def test_too_little_memory_is_said_and_more_of_it_continues(recording, registered, tmp_path, more_mb):
@@ -185,6 +190,7 @@ def test_every_damage_to_an_artefact_is_noticed(tmp_path):
     assert all(np.array_equal(loaded[name], arrays[name]) for name in arrays)
 
 
+@pytest.mark.slow
 def test_damaged_artefacts_are_made_again(registered, recording, tmp_path):
     cache, output = tmp_path / "cache", tmp_path / "out"
     arguments = ("register", recording, "-o", output, "-q")

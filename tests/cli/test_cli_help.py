@@ -109,6 +109,7 @@ def on_a_terminal(*arguments, **variables):
     return written.decode()
 
 
+@pytest.mark.slow
 def test_no_color(tmp_path):
     def simulated(name, **variables):
         return on_a_terminal("simulate", tmp_path / name, "--frames", 2, "--width", 64, "--height", 48, **variables)

@@ -25,6 +25,7 @@ MADE_OF_IT = [  # by compiled code, the definition of a class and a failed impor
 ]
 
 
+@pytest.mark.slow
 @sent
 def test_interrupted_while_threads_are_at_work(recording, tmp_path):
     """The interpreter used to stop them in the middle of compiled code, which aborted the process (status 134)."""

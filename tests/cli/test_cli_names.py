@@ -29,6 +29,7 @@ def odd(recording, tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_odd_names_from_end_to_end(odd, registered, tmp_path):
     output = odd / "out"  # results may lie in the recording itself
     for _ in range(2):

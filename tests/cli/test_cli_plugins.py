@@ -49,6 +49,7 @@ def zipped(recording, tmp_path):
     return tmp_path / "kitchen.zip"
 
 
+@pytest.mark.slow
 def test_the_commands_read_recordings_of_a_plug_in(site, zipped, registered, tmp_path):
     """A process of its own finds the package; frames come out of the archive, which is never unpacked."""
     paths = os.pathsep.join([str(site), str(ROOT)])

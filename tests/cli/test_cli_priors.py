@@ -45,6 +45,7 @@ def tilt_deg(recording, result):
     return np.degrees(np.arccos(R[2, 2]))
 
 
+@pytest.mark.slow
 def test_gravity_keeps_scans_that_would_be_lost(weak, registered, tmp_path):
     free, _ = registered()
     helped, error_m = registered("--gravity", weak / "accelerometer.txt")
@@ -85,6 +86,7 @@ def rough(weak, tmp_path, T_cam_new=None):
     return tmp_path / "rough.txt"
 
 
+@pytest.mark.slow
 def test_rough_poses_keep_scans_that_would_be_lost(weak, registered, tmp_path):
     free, _ = registered()
     helped, error_m = registered("--pose-prior", rough(weak, tmp_path))

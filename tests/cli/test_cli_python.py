@@ -14,6 +14,7 @@ from miniloop_cli.presets import load_settings
 from miniloop_cli.scene.registration import RegistrationError
 
 
+@pytest.mark.slow
 def test_three_calls(tmp_path):
     folder = simulate(tmp_path / "room", frames=6, width=320, height=240, path="xyz", seed=5)
     run = register(folder, tmp_path / "result", settings="fast", jobs=1)

@@ -22,6 +22,7 @@ def commands():
                 assert not words or words[0] in OTHERS, line
 
 
+@pytest.mark.slow
 def test_every_command_is_run(recording, tmp_path, monkeypatch):
     pytest.importorskip("open3d", exc_type=ImportError)
     monkeypatch.chdir(tmp_path)

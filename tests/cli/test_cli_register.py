@@ -79,6 +79,7 @@ def test_settings_on_the_command_line_win(recording, tmp_path):
     assert config["refine"] == "posegraph"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("jobs", "inner"), [(2, 1), (4, 3)])
 def test_same_bytes_with_any_number_of_threads(registered, recording, tmp_path, jobs, inner):
     """Jobs, and threads of the matrix libraries; `registered` has one job and a thread a core inside."""
@@ -98,6 +99,7 @@ def test_every_setting_acts(registered, recording, tmp_path):
     assert "graph.g2o" in differing(registered.folder, tmp_path / "kept")  # trajectory.txt has fewer digits
 
 
+@pytest.mark.slow
 def test_other_edges_are_refined_again(registered, recording, tmp_path):
     arguments = ("register", recording, "-o", tmp_path / "kept", "--set", "averaging.max_residual_m=0.002", "-q")
     assert invoke(*arguments).exit_code == 0
@@ -117,6 +119,7 @@ def test_the_run_that_compiles_gives_the_same_bytes(registered, recording, tmp_p
     assert differing(registered.folder, tmp_path / "out") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stage", "number"), [("features", signal.SIGKILL), ("matches", signal.SIGINT)])
 def test_stopped_in_the_middle_the_same_command_continues(registered, recording, tmp_path, stage, number):
     cache, output = tmp_path / "cache", tmp_path / "out"
@@ -193,6 +196,7 @@ def test_the_verdict_is_said_last_and_in_the_summary(recording, tmp_path):
     assert outcome.exit_code == 1 and f"the result is {verdict['level']}" in str(outcome.exception)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&-"])
 def test_closed_streams_are_no_error(recording, tmp_path, closed):
     words = " ".join(map(shlex.quote, map(str, command("register", recording, "-o", tmp_path / "out"))))

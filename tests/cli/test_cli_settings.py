@@ -1,6 +1,7 @@
 """`miniloop config`: what it shows can be used, what it explains is so."""
 
 import json
+import logging
 
 import pytest
 import yaml
@@ -78,7 +79,9 @@ def test_misspelt_keys_are_answered(key, near):
     assert near in done.stderr
 
 
-def test_names_of_release_0_1_are_accepted_and_answered_with_the_new_name(tmp_path, caplog):
+def test_names_of_release_0_1_are_accepted_and_answered_with_the_new_name(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("miniloop"), "propagate", True)  # commands of other tests turn it off
+    caplog.set_level(logging.WARNING, "miniloop")
     path = tmp_path / "old.yaml"
     path.write_text(
         "matching: {all_up_to: 50, similar: 9}\nrough: {max_deg: 7, min_alone: 5}\ncycles: {rescue: false}\n"

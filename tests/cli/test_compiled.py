@@ -57,6 +57,7 @@ def called(package, prepare="", **variables):
     return int(value), Path(folder.strip())
 
 
+@pytest.mark.slow
 def test_a_kernel_never_goes_on_with_an_old_helper(package):
     """numba looks at the kernel's own file only."""
     value, first = called(package)
@@ -69,6 +70,7 @@ def test_a_kernel_never_goes_on_with_an_old_helper(package):
     assert set(first.parent.iterdir()) == {first, second}, "others may be at work with the first"
 
 
+@pytest.mark.slow
 def test_the_command_line_removes_kernels_of_old_sources(package):
     prepare = "from miniloop_cli.runtime.kernel_cache import prepare_kernels_folder; prepare_kernels_folder()"
     _, first = called(package)
@@ -131,6 +133,7 @@ def test_places(tmp_path, monkeypatch, closed, place):
     assert found == (place and tmp_path / place / "kernels" / kernel_cache.sources_hash(tmp_path))
 
 
+@pytest.mark.slow
 def test_without_any_place_a_kernel_is_compiled_and_a_command_keeps_it_for_its_own_time(package, tmp_path):
     (tmp_path / "cache").touch()
     (package / "__pycache__").touch()

@@ -33,6 +33,7 @@ def run(root, folder, *options):
     return done.stderr.splitlines()
 
 
+@pytest.mark.slow
 def test_register_says_what_it_dropped(noted, tmp_path):
     root, doubtful, others = noted
     lines = run(root, tmp_path / "out")

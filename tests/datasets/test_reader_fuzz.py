@@ -173,6 +173,7 @@ def test_json_of_phones_and_recorders(tiny, data, layout):
         attempt(read_ground_truth, sequence)
 
 
+@pytest.mark.slow
 @fuzz
 @given(table, st.sampled_from(["7-scenes", "scannet", "open3d"]))
 def test_pose_files(tiny, data, layout):

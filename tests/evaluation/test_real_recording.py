@@ -14,6 +14,7 @@ FRAMES = 20
 LARGEST_ATE_M = 0.05  # several times what is usual, far below what a false loop would cost
 
 
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.skipif(not os.environ.get("MINILOOP_TUM"), reason="MINILOOP_TUM is not set: no real frames")
 @pytest.mark.parametrize("name", ["freiburg1_xyz_100"])

@@ -77,6 +77,7 @@ def test_depth_scale_is_judged_by_the_ground_truth(sequence):
     assert int(finding.advice.split("about ")[1].split()[0]) == pytest.approx(6000, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "units"), [(1.2, 6034), (1 / 1.2, 4190)])
 def test_depth_scale_is_judged_by_the_steps_of_the_sensor(sequence, factor, units):
     blind = replace(sequence, ground_truth_path=None)
@@ -93,17 +94,20 @@ def test_wrong_camera_is_named_with_the_right_focal_length(sequence, factor):
     assert result.numbers["focal"]["px"] == pytest.approx(262.5, rel=0.015)
 
 
+@pytest.mark.slow
 def test_a_focal_length_far_off_is_told_as_a_bound(sequence):
     camera = replace(sequence.camera, fx=sequence.camera.fx * 1.7, fy=sequence.camera.fy * 1.7)
     found = codes(inspect_with(replace(sequence, camera=camera)))
     assert "a focal length of 314 px or less, not 446 px" in found["wrong-camera"].message
 
 
+@pytest.mark.slow
 def test_swapped_depth(sequence):
     order = np.random.default_rng(1).permutation(20)
     assert set(codes(inspect_with(sequence, lambda k: order[k]))) == {"swapped-depth"}
 
 
+@pytest.mark.slow
 def test_late_depth_is_named_with_its_delay(sequence):
     found = codes(inspect_with(sequence, lambda k: k - 2))
     assert set(found) == {"swapped-depth"} and "2 frame(s) earlier" in found["swapped-depth"].message
@@ -115,6 +119,7 @@ def test_single_swapped_frames_are_named(sequence):
     assert result.numbers["explained"]["odd_frames"] == [3, 10, 17]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -127,10 +132,12 @@ def test_unregistered_depth(sequence, change, words):
     assert set(found) == {"unregistered-depth"} and words in found["unregistered-depth"].message
 
 
+@pytest.mark.slow
 def test_mirrored_depth(sequence):
     assert "mirrored-depth" in codes(inspect_with(sequence, change=np.fliplr))
 
 
+@pytest.mark.slow
 def test_command_prints_and_writes_json(folder, tmp_path):
     broken = tmp_path / "broken"
     shutil.copytree(folder, broken)
@@ -231,6 +238,7 @@ def test_findings_from_numbers_alone():
     assert all(finding.message and finding.advice for finding in found)
 
 
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.skipif(not REAL, reason="MINILOOP_TUM is not set")
 @pytest.mark.parametrize(

@@ -268,6 +268,7 @@ def test_a_frames_rows_tell_its_motion_where_the_path_does_not():
     assert np.linalg.norm(found[1] - w_true, axis=1).mean() < 0.7 * np.linalg.norm(path[1] - w_true, axis=1).mean()
 
 
+@pytest.mark.slow
 def test_poses_are_as_uncertain_as_their_motion_makes_them():
     """Whether a pose is off or its velocity, the rows of a frame can hardly tell: both were found from them."""
     errors, of_known_motion = [], []

@@ -316,6 +316,7 @@ def test_runs():
     assert runs(np.array([0, 2, 4, 6]), most=2) == "0, 2 and 2 more runs"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 def test_in_a_browser(run, tmp_path):
     path = written(run.results, run.sequence)

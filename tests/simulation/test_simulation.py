@@ -149,6 +149,7 @@ def test_loop_ends_where_it_began():
     assert angle[len(T) // 2] > 90 and ((angle[late:] < 25) & (distance[late:] < 0.6)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_scenes_fill_the_view(scene):
     _, frames = frames_of(scene=scene, frames=4)
@@ -165,6 +166,7 @@ def test_scenes_fill_the_view(scene):
         assert frames[1].T_world_cam[0, 3] < 5 < 20 < frames[2].T_world_cam[0, 3]
 
 
+@pytest.mark.slow
 def test_features_are_plenty_except_where_asked_otherwise():
     detectors = {"sift": cv2.SIFT_create(3000), "orb": cv2.ORB_create(3000)}
     for scene, wanted in (("room", 250), ("textureless", None)):
@@ -175,6 +177,7 @@ def test_features_are_plenty_except_where_asked_otherwise():
             assert all(n > wanted for n in counts.values()) if wanted else counts["sift"] < 150, (scene, counts)
 
 
+@pytest.mark.slow
 def test_surf_finds_enough_too():
     surf = pytest.importorskip("mahotas.features.surf")
     _, frames = frames_of(width=640, height=480, frames=3, noise=True)
@@ -182,6 +185,7 @@ def test_surf_finds_enough_too():
         assert len(surf.surf(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), threshold=0.1)) > 250
 
 
+@pytest.mark.slow
 def test_moving_object_moves_and_is_masked():
     _, with_figure = frames_of(moving_object=True, frames=3)
     _, without = frames_of(moving_object=False, frames=3)
@@ -191,6 +195,7 @@ def test_moving_object_moves_and_is_masked():
         assert (a.depth[a.moving] < b.depth[a.moving]).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_blur_shutter_and_exposure_change_what_they_should():
     def sharpness(frame):
         return cv2.Laplacian(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), cv2.CV_64F).var()
@@ -207,6 +212,7 @@ def test_blur_shutter_and_exposure_change_what_they_should():
     assert np.median(difference[middle]) < np.median(difference[:10]) and np.median(difference[:10]) > 5
 
 
+@pytest.mark.slow
 def test_written_folder_reads_back_and_repeats(tmp_path):
     settings = SimulationSettings(frames=3, width=160, height=120, distortion=TUM_LENS, moving_object=True, masks=True)
     one = write_sequence(tmp_path / "one", settings, seed=5)
@@ -238,6 +244,7 @@ def test_written_folder_reads_back_and_repeats(tmp_path):
         np.testing.assert_allclose(truth.T_world_cam[at[0]], frame.T_world_cam, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_scene_does_not_depend_on_the_sensor():
     _, clean = frames_of(seed=4)
     _, noisy = frames_of(seed=4, noise=True)
@@ -246,6 +253,7 @@ def test_the_scene_does_not_depend_on_the_sensor():
     assert np.median(np.abs(clean[1].depth[valid] / 5000 - noisy[1].depth[valid] / 5000)) < 0.03
 
 
+@pytest.mark.slow
 def test_command_refuses_what_it_would_destroy(tmp_path):
     run = CliRunner().invoke
     small = ["--frames", "1", "--width", "64", "--height", "48", "-q"]

@@ -78,6 +78,7 @@ def every_solution_by_newton(p, q, matches, rng, starts):
     return np.array(distinct).reshape(-1, n, 4, 4)
 
 
+@pytest.mark.slow
 @solvers
 def test_truth_is_among_at_most_sixteen(solver, rng):
     p, q, truth = random_problems(rng, solver.matches, 5000)

@@ -140,6 +140,7 @@ def test_the_estimator_refuses_what_is_no_number(which, value):
         run(EdgeMatches(*arrays))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale_m", SCALES_M)
 @pytest.mark.parametrize("offset", [0.0, 1e4])
 @pytest.mark.parametrize("dtype", [float, np.float32])

@@ -14,6 +14,7 @@ import kills
 linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
 
+@pytest.mark.slow
 @linux
 def test_four_kills_lose_nothing(tmp_path):
     tally = kills.campaign(tmp_path, 4, seed=1, names=("register",))
@@ -24,6 +25,7 @@ def test_four_kills_lose_nothing(tmp_path):
     assert tally.odd_ends == []
 
 
+@pytest.mark.slow
 @linux
 def test_hundreds_of_damaged_files(tmp_path, monkeypatch):
     monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
