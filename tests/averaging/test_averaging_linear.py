@@ -22,6 +22,7 @@ def incidence(scans, pairs):
     return A
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scans", [2, 50, DENSE_SCANS, DENSE_SCANS + 1, 700])
 @pytest.mark.parametrize("kind", ["video", "expander"])
 def test_solution_is_that_of_dense_least_squares(kind, scans):

@@ -134,6 +134,7 @@ def test_the_papers_tables_are_its_edges():
     assert covered == {"freiburg1_room": 435, "freiburg1_xyz": 1751, "freiburg2_desk": 687}
 
 
+@pytest.mark.slow
 def test_without_ground_truth_it_says_so(tmp_path):
     without = simulate(tmp_path / "without", frames=2, width=160, height=120)
     (without / "groundtruth.txt").unlink()

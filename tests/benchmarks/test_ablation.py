@@ -98,6 +98,7 @@ def test_nothing_registered_is_a_row_with_its_reason(tmp_path):
     assert len(draw([row]).axes) == 4
 
 
+@pytest.mark.slow
 def test_what_cannot_be_done_is_said(folder, tmp_path):
     with pytest.raises(ConfigError, match="no variant 'pairs'"):
         list(ablation_rows([folder], ["pairs"]))

@@ -46,6 +46,7 @@ def test_help_imports_nothing_heavy():
     assert all(f"\n  {name} " in done.stdout for name in NAMES) and "..." not in done.stdout.partition("Commands:")[2]
 
 
+@pytest.mark.slow
 def test_errors_are_one_line(tmp_path):
     done = run("recall", str(tmp_path), "-q")
     assert (done.returncode, done.stdout) == (1, "")

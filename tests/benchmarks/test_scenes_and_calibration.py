@@ -90,6 +90,7 @@ def test_nobody_who_walks_through_is_followed(seed):
     assert row["as_expected"], row
 
 
+@pytest.mark.slow
 def test_one_frame_is_refused_with_a_reason():
     row = scene_row("one frame", SCENES["one frame"], 12, 160, 0, Workers(1))
     assert row["as_expected"] and row["registered"] == 0 and "one frame only" in row["verdict"]

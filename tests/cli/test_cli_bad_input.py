@@ -110,6 +110,7 @@ def test_wrong_usage_is_status_two(tmp_path, monkeypatch, arguments, words):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "damage", "words"),
     [
@@ -142,6 +143,7 @@ def check_failed_run(folder, words):
     assert words in (folder / "log.txt").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "status"), [(("register", "nowhere"), 1), (("register",), 2), (("-V",), 0)])
 def test_status_of_the_process(tmp_path, arguments, status):
     assert run_process(*arguments, cwd=tmp_path).returncode == status
@@ -182,10 +184,12 @@ def test_ground_truth_that_is_not_a_number(copied, tmp_path, registered):
     assert outcome.exit_code == 0  # poses do not need it
 
 
+@pytest.mark.slow
 def test_traceback_only_on_request(tmp_path):
     assert "Traceback" in run_process("register", "nowhere", "--debug", cwd=tmp_path).stderr
 
 
+@pytest.mark.slow
 def test_a_full_disk_and_a_closed_pipe(registered, recording, tmp_path):
     arguments = command("eval", registered.folder, "--gt", recording, "--json", "-")
     with Path("/dev/full").open("w") as full:

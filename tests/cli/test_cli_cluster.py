@@ -77,6 +77,7 @@ def test_a_run_on_a_cluster_that_loses_a_worker_gives_the_same_bytes(dask, recor
     assert differing(registered.folder, output) == []
 
 
+@pytest.mark.slow
 def test_work_of_a_worker_that_dies_is_done_by_the_others(dask, tmp_path):
     with connected(dask.address) as cluster:
         work = Workers(cluster=cluster).spread(cluster_work.die_once, tmp_path / "died", range(60), "squaring", 60)

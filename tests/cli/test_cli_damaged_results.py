@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from command_line import launch
 
+pytestmark = pytest.mark.slow  # each needs a registered recording
+
 DAMAGES = {
     "half of it": (lambda text: text[: text.index("cx")], "cx, cy, width, height, depth_scale missing"),
     "cut in a word": (lambda text: text[: text.index("cx") + 1], "not a YAML file"),

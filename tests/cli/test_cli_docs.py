@@ -114,6 +114,7 @@ def test_the_layout_of_the_docs(recording, tmp_path, monkeypatch):
     np.testing.assert_allclose(scan.depth_m, 5 * same.depth_m, rtol=1e-6)  # 5000 units a metre, read as 1000
 
 
+@pytest.mark.slow
 def test_the_feature_of_the_docs(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(FEATURE_TYPES, "kaze", None)  # and gone again after the test
     block("feature", tmp_path)

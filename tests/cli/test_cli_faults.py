@@ -139,6 +139,7 @@ def test_too_little_memory_is_said_and_more_of_it_continues(recording, registere
     assert differing(output, registered.folder) == []
 
 
+@pytest.mark.slow
 @posix
 def test_a_helper_that_dies_is_not_missed(registered, recording, tmp_path):
     """The process that compiles ahead is killed as soon as it is there."""

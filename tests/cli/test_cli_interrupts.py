@@ -111,6 +111,7 @@ LOADING = """
 """
 
 
+@pytest.mark.slow
 @sent
 @pytest.mark.parametrize(
     "body",
@@ -134,6 +135,7 @@ def test_an_interrupt_is_not_lost_and_does_not_disturb_itself(tmp_path, body):
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "came back\n", INTERRUPTED)
 
 
+@pytest.mark.slow
 @sent
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_waits_until_what_cannot_be_stopped_is_done(tmp_path, number):

@@ -51,6 +51,7 @@ def test_odd_names_from_end_to_end(odd, registered, tmp_path):
     assert len(list((tmp_path / "colmap" / "images").glob("*.png"))) == FRAMES
 
 
+@pytest.mark.slow
 def test_odd_names_in_messages_stay_one_line(odd, tmp_path):
     for arguments in (("register", odd / "none"), ("eval", odd, "--gt", odd), ("export", odd, "--to", "tum")):
         done = run_process(*arguments, cwd=tmp_path)

@@ -88,6 +88,7 @@ def test_plug_ins_are_tried_first_and_named(site, monkeypatch):
     assert "zipped-robot" in invoke("inspect", site, "--layout", "unknown").exception.args[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "reason"),
     [

@@ -12,6 +12,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.sequence import Trajectory
 
+pytestmark = pytest.mark.slow  # each needs a registered recording
+
 
 @pytest.fixture(scope="module")
 def weak(shared):
@@ -45,7 +47,6 @@ def tilt_deg(recording, result):
     return np.degrees(np.arccos(R[2, 2]))
 
 
-@pytest.mark.slow
 def test_gravity_keeps_scans_that_would_be_lost(weak, registered, tmp_path):
     free, _ = registered()
     helped, error_m = registered("--gravity", weak / "accelerometer.txt")
@@ -86,7 +87,6 @@ def rough(weak, tmp_path, T_cam_new=None):
     return tmp_path / "rough.txt"
 
 
-@pytest.mark.slow
 def test_rough_poses_keep_scans_that_would_be_lost(weak, registered, tmp_path):
     free, _ = registered()
     helped, error_m = registered("--pose-prior", rough(weak, tmp_path))

@@ -90,6 +90,7 @@ def test_same_bytes_with_any_number_of_threads(registered, recording, tmp_path, 
     assert differing(registered.folder, tmp_path / "out") == []
 
 
+@pytest.mark.slow
 def test_every_setting_acts(registered, recording, tmp_path):
     """A run that finds finished work gives what a fresh one gives, and not what other settings gave."""
     setting = ("--set", "averaging.rotation_scale_deg=0.2", "-q")
@@ -148,6 +149,7 @@ def test_stopped_in_the_middle_the_same_command_continues(registered, recording,
     assert all(path.stat().st_ino == inode for path, inode in kept.items())
 
 
+@pytest.mark.slow
 def test_two_runs_on_one_folder(recording, tmp_path):
     with exclusive(tmp_path / "out"):
         done = run_process("register", recording, "-o", tmp_path / "out", cwd=tmp_path)
@@ -156,6 +158,7 @@ def test_two_runs_on_one_folder(recording, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_later_run_leaves_nothing_of_an_earlier_one(registered, recording, tmp_path):
     (tmp_path / f".trajectory.txt.miniloop-{HOST}-{2**31 - 1}.tmp").write_text("what a killed run left")
     (tmp_path / "trajectory.txt").write_text("old")
@@ -184,6 +187,7 @@ def test_a_recording_that_moved_is_asked_for(registered, tmp_path):
     assert "--sequence" in str(outcome.exception)
 
 
+@pytest.mark.slow
 def test_the_verdict_is_said_last_and_in_the_summary(recording, tmp_path):
     outcome = invoke("register", recording, "-o", tmp_path / "good")
     verdict = json.loads((tmp_path / "good" / "summary.json").read_text())["verdict"]

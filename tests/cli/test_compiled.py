@@ -86,12 +86,14 @@ def test_the_command_line_removes_kernels_of_old_sources(package):
     assert list(first.parent.iterdir()) == [second]
 
 
+@pytest.mark.slow
 def test_other_sources_compile_nothing_again(package):
     _, first = called(package)
     (package / "words.py").write_text("WORDS = 'of a message'\n")
     assert called(package) == (7, first)
 
 
+@pytest.mark.slow
 def test_kernels_of_others_are_kept_where_they_were(package):
     """numba's settings are not touched, and an own kernel has no part in them."""
     (package / "other.py").write_text("import numba\n\n\n@numba.njit(cache=True)\ndef other():\n    return 1\n")
@@ -108,6 +110,7 @@ def test_kernels_of_others_are_kept_where_they_were(package):
     assert Path(done.stdout.strip()) == package / "__pycache__"
 
 
+@pytest.mark.slow
 def test_the_users_folder_is_taken(package, tmp_path):
     """It is as safe there from old helpers."""
     value, folder = called(package, NUMBA_CACHE_DIR=str(tmp_path / "mine"))

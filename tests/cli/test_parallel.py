@@ -28,6 +28,7 @@ def test_results_come_in_order():
     assert list(Workers(4).map(lambda n: n * n, range(200), "squares", 200)) == [n * n for n in range(200)]
 
 
+@pytest.mark.slow
 def test_no_matrix_library_that_is_loaded_inside_has_threads_of_its_own():
     """Sums cut into as many parts as there are cores would give every machine its own last digits."""
     done = subprocess.run([sys.executable, "-c", HELD], capture_output=True, text=True, check=True)

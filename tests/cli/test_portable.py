@@ -73,6 +73,7 @@ def test_what_only_posix_has_is_seen(source, expected):
     assert posix_only(source) == expected
 
 
+@pytest.mark.slow
 def test_no_module_needs_posix_to_be_imported():
     sources = sorted((ROOT / "miniloop_cli").rglob("*.py"))
     assert len(sources) > 200

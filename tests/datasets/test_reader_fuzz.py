@@ -77,6 +77,7 @@ def attempt(action, *arguments):
         return None
 
 
+@pytest.mark.slow
 @fuzz
 @given(table, st.sampled_from(["rgb.txt", "depth.txt", "groundtruth.txt"]))
 def test_tables(tum, data, which):
@@ -158,6 +159,7 @@ phone_keys = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @fuzz
 @given(st.dictionaries(phone_keys, json_value), st.sampled_from(["record3d", "open3d"]))
 def test_json_of_phones_and_recorders(tiny, data, layout):

@@ -71,6 +71,7 @@ def test_own_edge_list_and_files(run_folder, tmp_path):
         assert (tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_quiet_leaves_the_table(run_folder, tmp_path):
     result, sequence = run_folder
     arguments = ["eval", str(result), "--gt", str(sequence), "--plot", str(tmp_path / "plots")]

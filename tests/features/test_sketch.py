@@ -54,6 +54,7 @@ def test_the_nearest_is_found_where_sketches_are_equal():
     assert match_sketched(*sketch([a, b]), 1000, 0.8).tolist() == [[0, 3 * LANES + 2]]
 
 
+@pytest.mark.slow
 def test_nothing_to_match_is_no_match():
     empty, some, one = (np.ones((k, 128), np.uint8) for k in (0, 3, 1))
     for a, b in ((empty, some), (some, empty), (some, one), (empty, empty)):

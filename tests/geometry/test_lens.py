@@ -94,6 +94,7 @@ def test_there_and_back(lens, px):
     np.testing.assert_allclose(c.distort(c.undistort(px)), px, atol=1e-5)
 
 
+@pytest.mark.slow
 @given(lenses, points)
 def test_a_sound_lens_keeps_the_order_of_radii(lens, px):
     """Pixels farther out come from directions farther out; tangential terms, which need not keep it, left out."""

@@ -59,6 +59,7 @@ def codes(result):
     return {finding.code: finding for finding in result.findings if finding.level != "note"}
 
 
+@pytest.mark.slow
 def test_a_sound_recording_raises_no_alarm(sequence):
     result = inspect_with(sequence)
     assert codes(result) == {}
@@ -70,6 +71,7 @@ def test_a_sound_recording_raises_no_alarm(sequence):
     assert numbers["explained"]["median"] > 0.9 and numbers["pairs"]["neighbours"] == 1
 
 
+@pytest.mark.slow
 def test_depth_scale_is_judged_by_the_ground_truth(sequence):
     finding = codes(inspect_with(sequence, change=lambda d: 1.2 * d))["depth-scale"]
     assert finding.level == "problem" and "times those of the ground truth" in finding.message
@@ -86,6 +88,7 @@ def test_depth_scale_is_judged_by_the_steps_of_the_sensor(sequence, factor, unit
     assert int(found["depth-scale"].advice.split("about ")[1].split()[0]) == pytest.approx(units, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [525 / 450, 450 / 525])
 def test_wrong_camera_is_named_with_the_right_focal_length(sequence, factor):
     camera = replace(sequence.camera, fx=sequence.camera.fx * factor, fy=sequence.camera.fy * factor)
@@ -113,6 +116,7 @@ def test_late_depth_is_named_with_its_delay(sequence):
     assert set(found) == {"swapped-depth"} and "2 frame(s) earlier" in found["swapped-depth"].message
 
 
+@pytest.mark.slow
 def test_single_swapped_frames_are_named(sequence):
     result = inspect_with(sequence, lambda k: 19 - k if k % 7 == 3 else k)
     assert set(codes(result)) == {"swapped-depth"}
@@ -157,6 +161,7 @@ def test_command_prints_and_writes_json(folder, tmp_path):
     assert "camera.yaml" not in quiet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [65535, 39990])
 def test_a_value_for_no_reading_is_found(folder, tmp_path, value):
     marked = tmp_path / "marked"
@@ -175,6 +180,7 @@ def test_a_value_for_no_reading_is_found(folder, tmp_path, value):
     assert str(sequence.notes[-1]) in numbers["notes"]
 
 
+@pytest.mark.slow
 def test_json_on_stdout_is_alone(tmp_path):
     tiny = write_sequence(tmp_path / "tiny", SimulationSettings(frames=1, width=64, height=48))
     result = CliRunner().invoke(command, [str(tiny), "--json", "-"])
@@ -182,6 +188,7 @@ def test_json_on_stdout_is_alone(tmp_path):
     assert json.loads(result.stdout)["frames"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["textureless", "plane"])
 def test_hard_scenes_give_advice_not_alarms_about_depth(tmp_path, scene):
     path = write_sequence(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from refinement_scenes import CAMERA, errors, perturbed, scene
 
 from miniloop_cli.refinement.bundle import BundleSettings, bundle_adjust
@@ -38,6 +39,7 @@ def test_variances_are_those_of_fits_without_each_part():
         assert np.linalg.eigvalsh(C).min() > 0
 
 
+@pytest.mark.slow
 def test_errors_that_parts_of_the_image_have_in_common_are_in_the_covariances():
     """A lens that no model fits: half a pixel off, elsewhere in another direction."""
     inside = []

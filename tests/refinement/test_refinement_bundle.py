@@ -166,6 +166,7 @@ def test_gauge_does_not_matter():
     np.testing.assert_allclose(relative[0], relative[1], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "points", "seen", "kernel", "factor", "outliers"),
     [

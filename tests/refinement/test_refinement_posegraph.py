@@ -34,6 +34,7 @@ def test_residual_is_the_noise_that_was_put_in():
     assert (weights == 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["none", "cauchy", "geman-mcclure"])
 def test_exact_edges_recover_the_truth(kernel):
     rng = rng_of(1)
@@ -148,6 +149,7 @@ def test_direction_of_edges_does_not_matter():
     np.testing.assert_allclose(again.covariance, first.covariance, rtol=0.1, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kernel", "scale"), [("none", 1.0), ("cauchy", 3.0), ("cauchy", 10.0)])
 def test_covariances_are_those_of_the_errors(kernel, scale):
     inside, squares = [], []

@@ -30,6 +30,7 @@ def test_curvature_is_the_mean_second_derivative(kernel, dimension):
     assert weight_and_curvature(kernel, np.array([r @ r]), 2.0, dimension)[1] == pytest.approx(H, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", list(KERNELS))
 def test_noise_gain_is_that_of_a_location_estimate(kernel):
     rng = np.random.default_rng(0)

@@ -135,6 +135,7 @@ def test_gravity_lays_a_tilted_world_level_and_leaves_heading_and_place(rng):
     assert abs(heading) < 1e-6
 
 
+@pytest.mark.slow
 def test_gravity_holds_a_chain_upright_that_edges_let_sag(rng):
     """A chain of noisy edges drifts in tilt; verticals, an outlier among them, hold it."""
     T, pairs, *_ = graph(rng, n=40, edges=0, noise=False)

@@ -301,6 +301,7 @@ def test_frames_that_see_too_little_keep_the_motion_of_the_path():
     assert not np.array_equal(w[8], path[1][8])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("readout_s", "gains"), [(0.025, True), (0.0, False)])
 def test_frames_too_far_apart_for_a_path_still_tell_their_motion(readout_s, gains):
     measured, _ = recording(readout_s, 0.0, np.random.default_rng(5), path=trembling)

@@ -67,6 +67,7 @@ class Page(HTMLParser):
         return sum(name == tag for name, _ in self.elements)
 
 
+@pytest.mark.slow
 def test_pictures_are_kept(run):
     first = written(run.results, run.sequence).read_bytes()
     assert written(run.results, run.sequence, Finished).read_bytes() == first

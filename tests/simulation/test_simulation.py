@@ -68,6 +68,7 @@ def test_rays_meet_box_and_sphere_where_algebra_says():
     assert color[row.max(), 40, 1] > color[row.min(), 40, 1] + 100
 
 
+@pytest.mark.slow
 def test_depth_and_poses_agree_between_frames():
     """Points of one frame, moved by the true relative pose, lie on the depth and have the colour of the other."""
     camera, (a, b) = frames_of(frames=2, rate_hz=40.0, path="xyz", distortion=TUM_LENS)
@@ -274,6 +275,7 @@ def test_command_refuses_what_it_would_destroy(tmp_path):
         assert isinstance(run(command.simulate, [str(bad), *small]).exception, MiniloopError)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_nothing(tmp_path):
     def stop(frames):
         yield next(iter(frames))

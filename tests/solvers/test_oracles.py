@@ -99,6 +99,7 @@ def distinct(solutions, tolerance=1e-4):
     return kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4, 5, 6])
 def test_number_of_solutions_of_cycle4_by_many_starts(seed):
     """Newton on the three closing equations in the three angles finds as many solutions as the quartic, not more."""
@@ -119,6 +120,7 @@ def test_number_of_solutions_of_cycle4_by_many_starts(seed):
     assert len(solutions) == counts[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_closing_a_5_cycle_by_many_starts_has_one_solution(seed):
     """All six closing equations leave the truth alone, and it is the solver's best."""
@@ -141,6 +143,7 @@ def test_closing_a_5_cycle_by_many_starts_has_one_solution(seed):
     np.testing.assert_allclose(best, [edge.pose(a) for edge, a in zip(edges, solutions[0], strict=True)], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_number_of_roots_of_the_octic_by_many_starts(seed):
     """The equations the octic stands for, in other variables: x(a, b) and y(c, s) of equal height and length."""

@@ -49,6 +49,7 @@ def companion_roots(f):
 angle = st.floats(0, 2 * np.pi, exclude_max=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 8])
 @given(data=st.data())
 @EXACT

@@ -21,6 +21,7 @@ def problems(solver, rng, count, side=1.0):
     return random_problems(rng, solver.matches, count, side, upright=solver.name in PLANAR)
 
 
+@pytest.mark.slow
 @solvers
 def test_truth_is_among_the_solutions(solver, rng):
     p, q, truth = problems(solver, rng, 20000)

@@ -35,6 +35,7 @@ def test_hundreds_of_damaged_files(tmp_path, monkeypatch):
     assert all(target.ends for target in targets.values())
 
 
+@pytest.mark.slow
 def test_hundreds_of_camera_files(tmp_path):
     pytest.importorskip("ruamel.yaml", reason="the independent parser")
     ends, faults = camera_files.campaign(tmp_path, 660, seed=1)
