@@ -47,7 +47,8 @@ def inspect(
     from miniloop_cli.inspection.inspect import inspect as run
     from miniloop_cli.inspection.text import describe
 
-    result = run(open_sequence(sequence, layout, camera, follow_links=follow_links), np.random.default_rng(seed))
+    recording = open_sequence(sequence, layout, camera, follow_links=follow_links)
+    result = run(recording, np.random.default_rng(seed))
     if json_path:
         options.write_json(json_path, result.as_json())
     wrong = [finding for finding in result.findings if finding.level != "note"]
@@ -59,7 +60,10 @@ def inspect(
         click.echo("")
     for finding in wrong if quiet else result.findings:
         _print(finding)
-    if not wrong and not quiet:
+    doubts = [note for note in recording.notes if note.doubtful]
+    for note in doubts:
+        click.echo(f"{note.kind.upper()}: {note}")
+    if not (wrong or doubts or quiet):
         click.echo("Nothing looks wrong.")
 
 

@@ -142,6 +142,19 @@ def test_mirrored_depth(sequence):
 
 
 @pytest.mark.slow
+def test_what_was_dropped_is_no_nothing(folder, tmp_path):
+    """An image without a partner is no finding of its own, but the last line may not say that nothing is wrong."""
+    cut = tmp_path / "cut"
+    shutil.copytree(folder, cut)
+    rows = (cut / "depth.txt").read_text().splitlines()
+    (cut / "depth.txt").write_text("\n".join(rows[:-1]) + "\n")
+    sound, told = (CliRunner().invoke(command, [str(path)]).stdout for path in (folder, cut))
+    assert sound.endswith("Nothing looks wrong.\n") and "DROPPED" not in sound
+    assert "Nothing looks wrong." not in told
+    assert "DROPPED: 19 pairs from 20 colour and 19 depth images" in told
+
+
+@pytest.mark.slow
 def test_command_prints_and_writes_json(folder, tmp_path):
     broken = tmp_path / "broken"
     shutil.copytree(folder, broken)
