@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.sensor_steps import disparity_step, too_large_by
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Note, NoteKind, Sequence
 
@@ -95,6 +96,10 @@ def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
     return float(value) if alone or spike else None
 
 
+def _without(stored: Values, out: tuple[float, ...]) -> Values:
+    return np.where(np.isin(stored, np.array(out, stored.dtype)), 0, stored) if out else stored
+
+
 def _readings(stored: Values, out: tuple[float, ...]) -> Values:
     kept = stored[stored > 0] if stored.dtype == np.uint16 else stored[np.isfinite(stored) & (stored > 0)]
     return kept[~np.isin(kept, np.array(out, stored.dtype))] if out else kept
@@ -137,7 +142,10 @@ def _scale_text(sequence: Sequence, sample: list[Values], out: tuple[float, ...]
     other = 1000.0 if scale == 5000 else 5000.0
     fives = float((readings.astype(np.int64) % 5 == 0).mean())
     unlikely = not USUAL_M[0] <= median / scale < USUAL_M[1]
-    if scale == 1000 and fives > 0.99:
+    depths_m = [_without(stored, out).astype(np.float32) / np.float32(scale) for stored in sample]
+    if factor := too_large_by(*disparity_step(depths_m)):
+        text += f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
+    elif scale == 1000 and fives > 0.99:
         text += f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
         text += f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"

@@ -35,7 +35,7 @@ FORMATS: dict[bytes, tuple[type[Decoder], bytes]] = {
     b"RIFF": (WebPImageFile, b""),
     b"BM": (BmpImageFile, b""),
 }
-KNOWN = "PNG, JPEG, WebP, TIFF, BMP, PPM or PGM, or NPY"
+KNOWN = "PNG, JPEG, WebP, TIFF, BMP, PPM or PGM, NPY or EXR"
 START = 16  # bytes that tell a format
 ORIENTATION = 0x0112  # EXIF: 1 as stored; 5 to 8 turned by 90 degrees
 

@@ -13,7 +13,7 @@ from miniloop_cli.errors import InputError, printable
 
 MAX_TABLE_BYTES = 64 << 20  # an hour of motion capture at 100 Hz is 25 MB
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".bmp")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".pgm", ".pnm", ".npy", ".npz")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".pgm", ".pnm", ".npy", ".npz", ".exr")
 LINE_END = re.compile(r"\r\n|\r|\n")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 

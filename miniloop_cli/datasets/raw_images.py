@@ -1,4 +1,4 @@
-"""Images that are read without Pillow, which knows no 16-bit colour in them or changes their values: TIFF, PPM, NPY."""
+"""Images read without Pillow, which knows no 16-bit colour in them or changes their values: TIFF, PPM, NPY, EXR."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.exr import exr_depth, exr_header
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.image_source import ImageHeader
 
@@ -151,4 +152,5 @@ RAW_FORMATS = (
     RawFormat("PPM or PGM", (b"P5", b"P6"), _pnm_header, _pnm_pixels),
     RawFormat("NPY", (b"\x93NUMPY",), _npy_header, _npy_pixels),
     RawFormat("NPZ", (b"PK\x03\x04",), _npz_header, _npz_pixels),
+    RawFormat("EXR", (b"v/1\x01",), exr_header, exr_depth),
 )

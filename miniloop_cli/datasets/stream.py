@@ -16,7 +16,6 @@ from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.typing import Floats, Ints
 
-EXR = "convert depth to 16-bit PNG in millimetres, or to NPY in metres"
 RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
 
 
@@ -80,8 +79,6 @@ def named_files(
     files, others = list_files(root, folder, suffixes)
     inside = shown(root / folder)
     if not files:
-        if any(path.suffix.lower() == ".exr" for path in others):
-            raise InputError(f"{inside} holds EXR files, which are not read; {EXR}")
         kinds = ", ".join(suffixes)
         raise InputError(
             f"{inside} has {len(others)} files, none usable: {shown(others[0].name)} is none of {kinds}"

@@ -235,8 +235,7 @@ def _depth_scale(numbers: Numbers) -> Iterator[Finding]:
                 f"distances come out {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
                 f"depth_scale should be about {scale * truth['factor']:.0f} instead of {scale:g} units a metre",
             )  # fmt: skip
-    elif disparity.get("clarity", 0) > 0.5 and _off(disparity["factor"]) and _plausible(disparity["factor"]):
-        factor = disparity["factor"]
+    elif factor := disparity.get("too_large_by"):
         yield Finding(
             "problem" if not 1 / 1.7 < factor < 1.7 else "warning", "depth-scale",
             f"depth seems {factor:.2f} times too large: its steps are those of a Kinect or Xtion at another scale",
@@ -246,11 +245,6 @@ def _depth_scale(numbers: Numbers) -> Iterator[Finding]:
 
 def _off(factor: float) -> bool:
     return not 1 / 1.1 < factor < 1.1
-
-
-def _plausible(factor: float) -> bool:
-    """Other sensors have other steps; only a small error and the mix-up of 5000 and 1000 units are believed."""
-    return 1 / 1.7 < factor < 1.7 or 4.5 < factor < 5.5 or 4.5 < 1 / factor < 5.5
 
 
 CHECKS = (_broken, _timing, _images, _no_reading, _features, _registration, _camera, _depth_scale)

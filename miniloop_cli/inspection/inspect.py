@@ -13,12 +13,13 @@ from miniloop_cli.datasets import read_ground_truth, read_scan
 from miniloop_cli.datasets.depth_values import sample_depth
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.read import check_headers
+from miniloop_cli.datasets.sensor_steps import KINECT_STEP_PER_M, disparity_step, too_large_by
 from miniloop_cli.errors import InputError
 from miniloop_cli.inspection import findings, registration
 from miniloop_cli.inspection.findings import Finding
 from miniloop_cli.inspection.images import frame_numbers
 from miniloop_cli.inspection.pairs import FeatureCache, MatchedPair, match_frames, matched_pairs, resection
-from miniloop_cli.inspection.scale import KINECT_STEP_PER_M, disparity_step, fit_focal, scale_against_truth
+from miniloop_cli.inspection.scale import fit_focal, scale_against_truth
 from miniloop_cli.inspection.timing import timing
 from miniloop_cli.scene.sequence import Scan, Sequence
 
@@ -159,6 +160,7 @@ def _geometry(sequence: Sequence, sample: dict[int, Scan], rng: Generator, read:
         numbers["focal"] |= dict(zip(("px", "low_px", "high_px"), px.tolist(), strict=True))
     step, clarity = disparity_step([scan.depth_m for scan in sample.values()])
     numbers["disparity"] = {"step_per_m": step, "clarity": clarity, "factor": KINECT_STEP_PER_M / step if step else 0.0}
+    numbers["disparity"]["too_large_by"] = too_large_by(step, clarity)
     try:
         truth = read_ground_truth(sequence) if focal else None
     except InputError as error:

@@ -19,14 +19,11 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.inspection.pairs import MatchedPair, resection
 from miniloop_cli.scene.sequence import Trajectory
-from miniloop_cli.typing import Floats, Floats32
+from miniloop_cli.typing import Floats
 
 FACTORS = np.exp(np.linspace(-0.35, 0.35, 11))
 CAUCHY = 3.0
 MIN_POINTS, MAX_POINTS = 15, 200
-KINECT_STEP_PER_M = 0.00289  # 1 / (8 f b): f = 576 px, b = 75 mm; freiburg1 measures 0.00288
-STEP_RANGE = 7.0  # steps up to so many times larger or smaller are looked for
-BIN_PER_M, MAX_BINS = 3e-5, 500_000
 MIN_MOTION_M = 0.08
 
 
@@ -136,28 +133,3 @@ def scale_against_truth(fit: FocalFit, stamps_s: Many[float], truth: Trajectory)
         return float("nan"), float("nan"), float("nan"), 0
     low, middle, high = np.quantile(ratios, [0.25, 0.5, 0.75])
     return float(low), float(middle), float(high), len(ratios)
-
-
-def disparity_step(depths_m: Many[Floats32]) -> tuple[float, float]:
-    """Step of the readings in inverse depth (1/m) and how pronounced it is, 0 to 1 (1: readings only at the steps).
-
-    The highest peak of the periodogram of the histogram of 1/z. Multiples of a frequency ring as well, so the largest
-    step that is nearly as pronounced as the best is taken.
-    """
-    z = np.concatenate([depth[depth > 0][::7] for depth in depths_m]) if depths_m else np.zeros(0)
-    if len(z) < 1000:
-        return 0.0, 0.0
-    low, high = np.quantile(z, [0.3, 0.9])
-    inverse = 1 / z[(z >= low) & (z <= high)].astype(float)
-    bins = int(min(np.ptp(inverse) / BIN_PER_M, MAX_BINS)) + 1
-    counts, edges = np.histogram(inverse, bins)
-    size = 1 << 20
-    power = np.abs(np.fft.rfft(counts, size)) / counts.sum()
-    frequency = np.fft.rfftfreq(size, edges[1] - edges[0])
-    inside = (frequency > 1 / (KINECT_STEP_PER_M * STEP_RANGE)) & (frequency < STEP_RANGE / KINECT_STEP_PER_M)
-    power, frequency = power[inside], frequency[inside]
-    if not len(power):
-        return 0.0, 0.0  # all readings are equal
-    first = int(np.argmax(power > 0.9 * power.max()))
-    k = first + int(np.argmax(power[first : first + 200]))
-    return float(1 / frequency[k]), float(power[k])

@@ -1,12 +1,15 @@
 """What depth values mean: other marks of "no reading" than 0, floating-point depth, an assumed scale."""
 
+import re
+
 import numpy as np
 import pytest
-from tiny_recordings import CAMERA, Tiny
+from tiny_recordings import CAMERA, Tiny, write_exr
 
 from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.depth_values import no_readings
 from miniloop_cli.datasets.read import check_headers
+from miniloop_cli.datasets.sensor_steps import KINECT_STEP_PER_M
 from miniloop_cli.errors import InputError
 
 FRAMES = 6
@@ -29,6 +32,8 @@ def recording(tiny: Tiny, change, suffix=".png"):
         path.parent.mkdir(exist_ok=True)
         if suffix == ".npy":
             np.save(path, depth)
+        elif suffix == ".exr":
+            write_exr(path, Z=depth)
         elif suffix == ".npz":
             np.savez_compressed(path, depth=depth)
         else:
@@ -79,7 +84,7 @@ def test_surfaces_are_no_missing_readings():
     assert no_readings([np.zeros((48, 64), np.uint16)]) == [] and no_readings([]) == []
 
 
-@pytest.mark.parametrize("suffix", [".tiff", ".npy", ".npz"])
+@pytest.mark.parametrize("suffix", [".tiff", ".npy", ".npz", ".exr"])
 @pytest.mark.parametrize(("unit", "name"), [(1.0, "metres"), (1000.0, "millimetres")])
 @pytest.mark.parametrize("missing", [0.0, np.nan, -1.0, np.inf, 10_000.0])
 def test_floating_point_depth(tiny, suffix, unit, name, missing):
@@ -141,3 +146,17 @@ def test_an_assumed_scale_is_called_so_and_checked(tiny, folder, change, words):
     assert [words in note for note in doubts(sequence)] == [True]
     tiny.text("camera.yaml", "fx: 525\nfy: 525\ncx: 319\ncy: 239\nwidth: 640\nheight: 480\ndepth_scale: 5000\n")
     assert doubts(open_sequence(tiny.root)) == []
+
+
+@pytest.mark.parametrize(
+    ("folder", "stored", "right"), [("color", 5000, 5000), ("rgb", 1000, 1000), ("rgb", 5000, None)]
+)
+def test_the_steps_of_a_structured_light_sensor_contradict_an_assumed_scale(tiny, folder, stored, right):
+    rng = np.random.default_rng(1)
+    for k in range(4):
+        tiny.color(f"{folder}/{10 + k / 10:.6f}.png", 640, 480)
+        z_m = 1 / (KINECT_STEP_PER_M * np.round(1 / (KINECT_STEP_PER_M * rng.uniform(0.8, 3, (480, 640)))))
+        tiny.put(f"depth/{10 + k / 10:.6f}.png", np.round(stored * z_m).astype(np.uint16))
+    (note,) = doubts(open_sequence(tiny.root))
+    said = re.search(r"its steps are those of a Kinect or Xtion at about (\d+) a metre", note)
+    assert (float(said[1]) == pytest.approx(right, rel=0.02)) if right else said is None

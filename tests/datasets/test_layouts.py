@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tiny_recordings import write_exr
 
 from miniloop_cli.datasets import known_layouts, open_sequence, read_ground_truth, read_scan
 from miniloop_cli.datasets.trajectory import write_trajectory
@@ -165,12 +166,15 @@ def test_zoom_of_a_phone_is_noted(tiny):
     assert any("focal length strays by up to 5.0 %" in str(note) for note in open_sequence(tiny.root).notes)
 
 
-def test_exr_depth_says_what_to_do(tiny):
+def test_record3d_depth_in_exr(tiny):
     record3d(tiny)
-    for path in (tiny.root / "depth").iterdir():
-        path.rename(path.with_suffix(".exr"))
-    with pytest.raises(InputError, match="convert depth"):
-        open_sequence(tiny.root)
+    for path in list((tiny.root / "depth").iterdir()):
+        write_exr(path.with_suffix(".exr"), R=np.full((32, 24), 1.5, np.float32))
+        path.unlink()
+    sequence = open_sequence(tiny.root)
+    assert any("taken as metres" in str(note) for note in sequence.notes)
+    depth_m = read_scan(sequence, 0).depth_m
+    assert set(np.unique(depth_m)) <= {np.float32(0), np.float32(1.5)} and (depth_m == 1.5).any()
 
 
 def test_redwood_without_intrinsics_says_so(tiny):

@@ -151,14 +151,6 @@ def test_counters_that_begin_differently_are_refused_unless_it_is_plain_why(tiny
         assert len(open_sequence(tiny.root).frames) == COUNT - first
 
 
-def test_exr_says_what_to_do(tiny):
-    record(tiny, lambda k: f"{k:04d}", count=2)
-    for path in (tiny.root / "depth").iterdir():
-        path.rename(path.with_suffix(".exr"))
-    with pytest.raises(InputError, match=r"depth holds EXR files, which are not read; convert depth to 16-bit PNG"):
-        open_sequence(tiny.root)
-
-
 def test_a_preview_beside_each_depth_image_is_refused_by_name(tiny):
     record(tiny, lambda k: f"{k:04d}", count=3)
     for path in list((tiny.root / "depth").iterdir()):

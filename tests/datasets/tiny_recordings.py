@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 
 CAMERA = "fx: 52.5\nfy: 52.5\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\ndepth_scale: 5000\n"
 
@@ -54,3 +55,10 @@ def fill_tum(tiny: Tiny, frames: int = 5, tables: bool = True) -> Tiny:
             tiny.text(f"{kind}.txt", "# header\n" + "\n".join(lines) + "\n")
     tiny.text("camera.yaml", CAMERA)
     return tiny
+
+
+def write_exr(path: Path, **channels: np.ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    how = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(how, dict(channels)).write(str(path))
+    return path

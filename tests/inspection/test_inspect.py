@@ -14,9 +14,9 @@ from click.testing import CliRunner
 
 from miniloop_cli.cli.inspect import inspect as command
 from miniloop_cli.datasets import open_sequence, read_scan
+from miniloop_cli.datasets.sensor_steps import KINECT_STEP_PER_M, disparity_step
 from miniloop_cli.inspection.findings import all_findings
 from miniloop_cli.inspection.inspect import inspect
-from miniloop_cli.inspection.scale import KINECT_STEP_PER_M, disparity_step
 from miniloop_cli.inspection.timing import timing
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
