@@ -44,7 +44,7 @@ def understand_depth(sequence: Sequence) -> Sequence:
         text += f"{100 * share:.0f} % of the pixels hold it, and there is nothing between it and the scene"
         notes.append(Note(NoteKind.ASSUMED, text))
     if sequence.depth_scale_assumed and not form.floating:
-        notes.append(Note(NoteKind.ASSUMED, _scale_text(sequence, sample, (*form.no_reading, *values))))
+        notes.append(_scale_note(sequence, sample, (*form.no_reading, *values)))
     form = replace(form, no_reading=(*form.no_reading, *values), no_reading_found=bool(values))
     return replace(sequence, depth_format=form, notes=tuple(notes))
 
@@ -130,23 +130,25 @@ def _floating(sequence: Sequence, sample: list[Values]) -> Sequence:
 _UNITS = ((METRES, "metres", 1.0), (MILLIMETRES, "millimetres", 1000.0))
 
 
-def _scale_text(sequence: Sequence, sample: list[Values], out: tuple[float, ...]) -> str:
+def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]) -> Note:
     """The assumed depth scale, and what speaks against it."""
     scale = sequence.camera.depth_scale
     text = f"depth_scale {scale:g} units a metre is assumed, nothing states it"
     readings = np.concatenate([_readings(stored, out) for stored in sample]) if sample else np.zeros(0)
     if not len(readings):
-        return text
+        return Note(NoteKind.ASSUMED, text)
     median = float(np.median(readings))
-    text += f": the median depth is {median / scale:.2f} m"
     other = 1000.0 if scale == 5000 else 5000.0
-    fives = float((readings.astype(np.int64) % 5 == 0).mean())
     unlikely = not USUAL_M[0] <= median / scale < USUAL_M[1]
+    fives = float((readings.astype(np.int64) % 5 == 0).mean())
     depths_m = [_without(stored, out).astype(np.float32) / np.float32(scale) for stored in sample]
-    if factor := too_large_by(*disparity_step(depths_m)):
-        text += f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
+    against = ""
+    factor = too_large_by(*disparity_step(depths_m))
+    if factor and USUAL_M[0] <= median / (scale * factor) < USUAL_M[1]:
+        against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
     elif scale == 1000 and fives > 0.99:
-        text += f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
+        against = f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
-        text += f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
-    return text + "; state it with --camera FILE"
+        against = f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
+    text += f": the median depth is {median / scale:.2f} m{against}; state it with --camera FILE"
+    return Note(NoteKind.CONTRADICTED if against else NoteKind.ASSUMED, text)

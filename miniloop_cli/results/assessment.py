@@ -15,6 +15,7 @@ from miniloop_cli.results.columns import Edges, RunColumns, edge_columns, frame_
 from miniloop_cli.results.facts import facts, pieces
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows
 from miniloop_cli.scene.registration import Registration
+from miniloop_cli.scene.sequence import NoteKind
 from miniloop_cli.typing import Bools
 
 if TYPE_CHECKING:
@@ -56,7 +57,13 @@ def assess_run(run: Registration) -> Assessment:
     frames = [dict(zip(FRAME_COLUMNS, map(str, row), strict=True)) for row in frame_rows(run)]
     stamps_s = np.array([frame.timestamp_s for frame in run.sequence.frames])
     nowhere = Path("of this run")
-    return judge(RunColumns(edge_columns(edges, nowhere), frame_columns(frames, nowhere, stamps_s), run.notes))
+    columns = edge_columns(edges, nowhere), frame_columns(frames, nowhere, stamps_s)
+    return judge(RunColumns(*columns, run.notes, contradicted(run)))
+
+
+def contradicted(run: Registration) -> list[str]:
+    """What was assumed of the recording though it speaks against it, in the words of its reader."""
+    return [note.text for note in run.sequence.notes if note.kind == NoteKind.CONTRADICTED]
 
 
 def judge(data: RunColumns, evaluation: Evaluation | None = None) -> Assessment:
@@ -86,6 +93,8 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
     edges, doubts = data.edges, []
     if _contradicted(evaluation):
         doubts.append("the ground truth contradicts the poses")
+    if data.contradicted:
+        doubts += ["the recording speaks against what was assumed of it", *data.contradicted]
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
     off = edges.worst_first[_far_off(edges)[edges.worst_first]]

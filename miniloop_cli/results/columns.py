@@ -84,11 +84,16 @@ class Frames:
 
 @dataclass(frozen=True)
 class RunColumns:
-    """A run as its tables tell of it; `prior_notes`: what became of gravity and of a pose prior."""
+    """A run as its tables tell of it.
+
+    `prior_notes`: what became of gravity and of a pose prior; `contradicted`: what was assumed of the recording though
+    it speaks against it.
+    """
 
     edges: Edges
     frames: Frames
     prior_notes: Sequence[str] = ()
+    contradicted: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -112,9 +117,12 @@ class ReportData:
     @property
     def columns(self) -> RunColumns:
         """What the tables tell."""
-        notes = self.summary.get("prior_notes")
-        said = [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
-        return RunColumns(self.edges, self.frames, said)
+        return RunColumns(self.edges, self.frames, self._sentences("prior_notes"), self._sentences("contradicted"))
+
+    def _sentences(self, key: str) -> list[str]:
+        """A list of the summary, without what is no sentence in it: others may have changed the file."""
+        notes = self.summary.get(key)
+        return [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
 
     def text(self, name: str, limit: int = 20_000) -> str:
         """The end of a text file of the folder, "" without it."""

@@ -19,7 +19,7 @@ from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
-from miniloop_cli.results.assessment import assess_run
+from miniloop_cli.results.assessment import assess_run, contradicted
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
@@ -98,6 +98,7 @@ def summary(run: Registration) -> dict[str, Any]:
         },
         "notes": [*map(str, run.sequence.notes), *run.notes],
         "prior_notes": list(run.notes),
+        "contradicted": contradicted(run),
         "timings_s": run.timings_s,
         "seed": run.seed,
         "versions": versions(),

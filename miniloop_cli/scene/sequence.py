@@ -49,6 +49,7 @@ class NoteKind(StrEnum):
 
     DROPPED = "dropped"  # files or rows that are not used
     ASSUMED = "assumed"  # what nothing states
+    CONTRADICTED = "contradicted"  # assumed, and the recording speaks against it: the result is doubtful
     PAIRED = "paired"  # how images found their partners
     CONVERTED = "converted"  # from other units or formats
     UNUSED = "unused"  # what lies beside the images and is not read
@@ -64,7 +65,7 @@ class Note:
     @property
     def doubtful(self) -> bool:
         """Whether the user should see it unasked: something is missing from the result, or may be wrong."""
-        return self.kind in (NoteKind.DROPPED, NoteKind.ASSUMED)
+        return self.kind in (NoteKind.DROPPED, NoteKind.ASSUMED, NoteKind.CONTRADICTED)
 
     def __str__(self) -> str:
         return self.text

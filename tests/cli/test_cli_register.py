@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import signal
 import subprocess
 import time
@@ -198,6 +199,23 @@ def test_the_verdict_is_said_last_and_in_the_summary(recording, tmp_path):
     verdict = json.loads((tmp_path / "bad" / "summary.json").read_text())["verdict"]
     assert verdict["level"] != "good" and "frames are not registered" in verdict["reasons"][0]
     assert outcome.exit_code == 1 and f"the result is {verdict['level']}" in str(outcome.exception)
+
+
+@pytest.mark.slow
+def test_a_depth_scale_that_the_recording_contradicts_is_no_success(recording, tmp_path):
+    """TUM's frames as a Kinect stores them, in a folder whose layout assumes millimetres."""
+    for kind, folder in (("rgb", "color"), ("depth", "depth")):
+        (tmp_path / "five" / folder).mkdir(parents=True)
+        for k, path in enumerate(sorted((recording / kind).iterdir())):
+            shutil.copy(path, tmp_path / "five" / folder / f"{k:05d}{path.suffix}")
+    camera = yaml.safe_load((recording / "camera.yaml").read_text())
+    K = [camera["fx"], 0, 0, 0, camera["fy"], 0, camera["cx"], camera["cy"], 1]
+    size = {"width": camera["width"], "height": camera["height"]}
+    (tmp_path / "five" / "camera_intrinsic.json").write_text(json.dumps(size | {"intrinsic_matrix": K}))
+    invoke("register", tmp_path / "five", "-o", tmp_path / "out")
+    verdict = json.loads((tmp_path / "out" / "summary.json").read_text())["verdict"]
+    assert verdict["level"] == "doubtful"
+    assert any("depth_scale 1000 units a metre is assumed" in why for why in verdict["reasons"])
 
 
 @pytest.mark.slow

@@ -284,6 +284,16 @@ def test_frames_with_the_same_trouble_belong_together(run):
     assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results).columns).facts
 
 
+def test_an_assumption_that_the_recording_contradicts_is_a_doubt(run):
+    summary = json.loads((run.results / "summary.json").read_text())
+    summary["contradicted"] = ["depth_scale 1000 is assumed, its steps say 5000", 7]
+    (run.results / "summary.json").write_text(json.dumps(summary))
+    verdict = judge(load(run.results).columns)
+    assert verdict.level == Level.DOUBTFUL
+    assert "but the recording speaks against what was assumed of it" in verdict.headline
+    assert verdict.reasons[-1] == "depth_scale 1000 is assumed, its steps say 5000"
+
+
 def test_what_became_of_gravity_is_told(run):
     summary = json.loads((run.results / "summary.json").read_text())
     summary["notes"] = ["took a camera", "gravity is not used: it is far off"]
