@@ -22,6 +22,15 @@ NEXT = 0.9  # real depth ends below this part of it,
 SPIKE = 50  # or the value is held by so many times more pixels than any near it
 MIN_OTHERS = 0.05  # pixels with depth: a plain wall is no missing reading
 USUAL_M = (0.3, 12.0)  # median depths of recordings
+# Width and height of depth images that only these sensors make; what records them stores millimetres.
+MILLIMETRE_SENSORS = {
+    (512, 424): "a Kinect v2",
+    (640, 576): "an Azure Kinect",
+    (320, 288): "an Azure Kinect",
+    (256, 192): "a phone with ARKit",
+    (192, 256): "a phone with ARKit",
+    (224, 172): "a PMD sensor",
+}
 Values = NDArray[Any]
 
 
@@ -43,7 +52,7 @@ def understand_depth(sequence: Sequence) -> Sequence:
         text = f"depth {value:g} ({value / sequence.camera.depth_scale:.2f} m) is taken as no reading: "
         text += f"{100 * share:.0f} % of the pixels hold it, and there is nothing between it and the scene"
         notes.append(Note(NoteKind.ASSUMED, text))
-    if sequence.depth_scale_assumed and not form.floating:
+    if sequence.camera.depth_scale_assumed and not form.floating:
         notes.append(_scale_note(sequence, sample, (*form.no_reading, *values)))
     form = replace(form, no_reading=(*form.no_reading, *values), no_reading_found=bool(values))
     return replace(sequence, depth_format=form, notes=tuple(notes))
@@ -148,6 +157,8 @@ def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]
         against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
     elif scale == 1000 and fives > 0.99:
         against = f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
+    elif scale != 1000 and (size := sample[0].shape[::-1]) in MILLIMETRE_SENSORS:
+        against = f"; images of {size[0]} x {size[1]} are those of {MILLIMETRE_SENSORS[size]}, stored in millimetres"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
         against = f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
     text += f": the median depth is {median / scale:.2f} m{against}; state it with --camera FILE"

@@ -44,7 +44,7 @@ def freiburg_camera(family: str, where: str) -> Camera:
 def default_camera() -> Camera:
     """TUM's ROS default."""
     source = "TUM's ROS default (525 525 319.5 239.5): nothing names the camera; --camera FILE is more accurate"
-    return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source)
+    return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source, depth_scale_assumed=True)
 
 
 def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:

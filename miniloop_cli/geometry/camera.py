@@ -37,6 +37,7 @@ class Camera:
     lens: Lens = PINHOLE
     noise: DepthNoise = DepthNoise()
     source: str = "given"
+    depth_scale_assumed: bool = False  # nothing states it: the habit of a layout
 
     @property
     def K(self) -> Floats:

@@ -93,5 +93,4 @@ class Sequence:
     notes: tuple[Note, ...] = field(default=())  # what the reader dropped, assumed ..., for terminal, log and report
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
-    depth_scale_assumed: bool = False  # the camera's depth_scale is the layout's habit; nothing states it
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in

@@ -11,6 +11,7 @@ from miniloop_cli.datasets.depth_values import no_readings
 from miniloop_cli.datasets.read import check_headers
 from miniloop_cli.datasets.sensor_steps import KINECT_STEP_PER_M
 from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import NoteKind
 
 FRAMES = 6
 
@@ -146,6 +147,19 @@ def test_an_assumed_scale_is_called_so_and_checked(tiny, folder, change, words):
     assert [words in note for note in doubts(sequence)] == [True]
     tiny.text("camera.yaml", "fx: 525\nfy: 525\ncx: 319\ncy: 239\nwidth: 640\nheight: 480\ndepth_scale: 5000\n")
     assert doubts(open_sequence(tiny.root)) == []
+
+
+def test_a_size_that_only_one_sensor_has_contradicts_an_assumed_scale(tiny):
+    rng = np.random.default_rng(1)
+    for k in range(3):
+        tiny.color(f"rgb/{10 + k / 10:.6f}.png", 512, 424)
+        tiny.put(f"depth/{10 + k / 10:.6f}.png", rng.integers(2000, 8000, (424, 512)).astype(np.uint16))
+    size = "image_width: 512\nimage_height: 424\n"
+    matrix = "camera_matrix: {rows: 3, cols: 3, data: [365, 0, 255, 0, 365, 211, 0, 0, 1]}\n"
+    lens = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
+    tiny.text("camera.yaml", size + matrix + lens)
+    notes = [note for note in open_sequence(tiny.root).notes if note.kind == NoteKind.CONTRADICTED]
+    assert ["512 x 424 are those of a Kinect v2, stored in millimetres" in note.text for note in notes] == [True]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,16 +76,16 @@ def read_camera_file(
     if isinstance(found, dict):
         return make_camera(found, where, source)
     name, reading = found
-    values, notes = dict(reading.values), [f"read as {name}"]
+    values, notes, assumed = dict(reading.values), [f"read as {name}"], "depth_scale" not in reading.values
     notes += [reading.note] if reading.note else []
-    if "depth_scale" not in values:
+    if assumed:
         if depth_scale is None:
             raise ConfigError(
                 f"{where}: depth_scale missing; add it: stored units a metre (TUM 5000, millimetres 1000)"
             )
         values["depth_scale"] = depth_scale
         notes.append(f"it states no depth scale: {depth_scale:g} units a metre are assumed")
-    return make_camera(values, where, f"{source} ({'; '.join(notes)})")
+    return replace(make_camera(values, where, f"{source} ({'; '.join(notes)})"), depth_scale_assumed=assumed)
 
 
 def _recognise(text: str, path: Path, where: str, size: Size | None) -> dict[str, Any] | tuple[str, Reading]:

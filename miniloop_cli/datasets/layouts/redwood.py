@@ -13,7 +13,6 @@ from miniloop_cli.datasets.find_frames import find_frames
 from miniloop_cli.datasets.numbered import (
     color_size,
     given_camera,
-    read_json,
     trajectory_of,
     usable_pose,
 )
@@ -41,9 +40,9 @@ class Redwood:
         if folder is None:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
         found = find_frames(root, folder.name, "depth")
-        camera, stated, used = given_camera(root, camera_path, found.frames), True, "camera.yaml"
+        camera, used = given_camera(root, camera_path, found.frames), "camera.yaml"
         if camera is None:
-            camera, stated, used = _camera(root, found.frames)
+            camera, used = _camera(root, found.frames)
         beside = unused_confidence(root)
         if camera_path is None:
             beside += unused_cameras(root, used, guessed=not used)
@@ -55,7 +54,6 @@ class Redwood:
             _first(root, LOGS),
             (*found.notes, *beside),
             found.available,
-            depth_scale_assumed=not stated,
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
@@ -86,13 +84,13 @@ def _first(root: Path, names: tuple[str, ...]) -> Path | None:
     return next((root / name for name in names if (root / name).exists()), None)
 
 
-def _camera(root: Path, frames: tuple[Frame, ...]) -> tuple[Camera, bool, str]:
-    """The camera of the JSON file, else Open3D's default, whether the depth scale is stated, and in which file."""
+def _camera(root: Path, frames: tuple[Frame, ...]) -> tuple[Camera, str]:
+    """The camera of the JSON file, else Open3D's default, and the name of the file."""
     path = _first(root, INTRINSICS)
     if path is None:
         source = (
             "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
         )
-        return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source), False, ""
-    camera = read_camera_file(path, f"the sequence's own {path.name}", color_size(frames), depth_scale=1000.0)
-    return camera, "depth_scale" in read_json(path), path.name
+        camera = Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source, depth_scale_assumed=True)
+        return camera, ""
+    return read_camera_file(path, f"the sequence's own {path.name}", color_size(frames), depth_scale=1000.0), path.name

@@ -45,7 +45,6 @@ class Tum:
             ground_truth_path=truth if truth.exists() else None,
             notes=(*found.notes, *beside),
             available=found.available,
-            depth_scale_assumed=camera == default_camera(),
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
