@@ -26,6 +26,8 @@ LISTENING = """
             written.append(os.fsdecode(arguments[0]) if not isinstance(arguments[0], int) else arguments[0])
         elif event.startswith(FILES):
             written.append(os.fsdecode(arguments[0]) if isinstance(arguments[0], (str, bytes, os.PathLike)) else event)
+        elif event == "os.kill" and arguments[1] == 0:
+            pass  # asks whether a process runs, and sends it nothing
         elif event.startswith(LOUD):
             disturbed.append(event)
     sys.addaudithook(listen)
