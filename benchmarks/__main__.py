@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from benchmarks.table import MEASUREMENTS
+from benchmarks.on_recordings import ON_RECORDINGS
+from benchmarks.on_simulations import ON_SIMULATIONS
 from miniloop_cli.cli.bench.factory import command
 from miniloop_cli.cli.bench.table import SEQUENCES
 from miniloop_cli.cli.main import CONTEXT, LazyGroup, main
@@ -15,7 +16,10 @@ FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
 
 
-@click.group(cls=LazyGroup, commands=[command(measurement) for measurement in MEASUREMENTS], context_settings=CONTEXT)
+COMMANDS = [command(one) for one in sorted((*ON_RECORDINGS, *ON_SIMULATIONS), key=lambda one: one.name)]
+
+
+@click.group(cls=LazyGroup, commands=COMMANDS, context_settings=CONTEXT)
 def benchmarks() -> None:
     """What miniloop is measured by beside the paper's experiments (those are `miniloop bench`).
 

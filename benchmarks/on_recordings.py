@@ -1,18 +1,14 @@
-"""The measurements of benchmarks/experiments as `python -m benchmarks` offers them."""
+"""Measurements on recordings with ground truth, as `python -m benchmarks` offers them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from miniloop_cli.cli import options
 from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, several, whole
 from miniloop_cli.cli.bench.table import MAX_FRAMES, SEQUENCES
-
-UNITS = ("deg", "cm")
-SIGMA = click.FloatRange(min=0)
 
 
 def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
@@ -22,20 +18,6 @@ def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
         for name, variant in VARIANTS.items():
             click.echo(f"{name:<24}{variant.settings}")
         ctx.exit()
-
-
-class Share(click.ParamType):
-    """A share of the edges, 0.05 or, in percent, 5; below all of them."""
-
-    name = "share"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The share as a number below 1."""
-        given = click.FLOAT.convert(value, param, ctx)
-        share = given / 100 if given >= 1 else given
-        if not 0 <= share < 1:
-            self.fail("a share of the edges (0.05) or percent (5), below all of them", param, ctx)
-        return share
 
 
 ABLATION = Benchmark(
@@ -92,74 +74,6 @@ ABLATION = Benchmark(
             callback=_show_variants,
             help="Show the variants with their settings, and do nothing else.",
         ),
-    ),
-)
-
-AVERAGING = Benchmark(
-    "averaging",
-    "Motion averaging on graphs with known poses.",
-    """Rotation and translation averaging on graphs with known poses: time, error, memory.
-
-    Options that name a graph can be given several times; every combination is measured.
-
-    \b
-    Example:   python -m benchmarks averaging --scans 10000 --edges 50000 --outliers 0.1 --kind expander
-    """,
-    rows="benchmarks.experiments.averaging:averaging_rows",
-    draw="benchmarks.experiments.averaging:draw",
-    columns=numbers(
-        ">12",
-        ".4g",
-        "method",
-        "kind",
-        "scans",
-        "edges",
-        "outliers",
-        "seconds",
-        rotation_seconds="rotation s",
-        rot_err_deg_median="median deg",
-        rot_err_deg_mean="mean deg",
-        trans_err_median="median m",
-        peak_mb="peak MB",
-        converged="converged",
-    ),
-    options=(
-        several("--scans", click.IntRange(min=2), (100, 1000, 10_000), "Scans of a graph."),
-        click.option("--edges", type=click.IntRange(min=1), help="Edges of each graph [default: 5 a scan]."),
-        several("--outliers", Share(), (0.05,), "Share of edges with a random relative pose (0.05), or percent (5)."),
-        several("--kind", click.Choice(["video", "expander"]), ("video",), "How scans are connected."),
-        click.option("--noise-deg", type=SIGMA, default=0.5, show_default=True, help="Along each axis."),
-        click.option("--noise-m", type=SIGMA, default=0.01, show_default=True, help="Along each axis."),
-        click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed."),
-    ),
-    parallel=False,
-)
-
-CALIBRATION = Benchmark(
-    "calibration",
-    "Errors in units of what is promised.",
-    """The share of pose errors within two of their own standard deviations, over paths, noise and numbers of frames.
-
-    Every error is one of six of a pose (rotation and translation along its camera's axes), relative to the frame that
-    the run holds fixed. 95.4 % if everything were Gaussian.
-
-    \b
-    Example:   python -m benchmarks calibration --seeds 5 --noise 1 --frames 30
-    """,
-    rows="benchmarks.experiments.calibration:calibration_rows",
-    draw="benchmarks.experiments.calibration:draw",
-    columns=(
-        Column("path", "{path}", "<13"),
-        Column("noise", "{noise:g}", ">6"),
-        *numbers(">7", "", "frames", "poses"),
-        Column("2 sigma", "{within_2_sigma:.0%}", ">9"),
-        *numbers(">10", ".3f", error_cm_rms="error cm", promised_cm_rms="promised"),
-    ),
-    options=(
-        several("--frames", click.IntRange(min=3), (16, 32), "Frames of a recording."),
-        several("--noise", SIGMA, (0.5, 1.0, 2.0), "Times a Kinect's."),
-        whole("--seeds", 1, 2, "Recordings of each kind."),
-        whole("--width", 160, 320, "Width of the images (px)."),
     ),
 )
 
@@ -264,33 +178,4 @@ RECALL = Benchmark(
     options=(SEQUENCES, MAX_FRAMES, options.overrides),
 )
 
-SCENES = Benchmark(
-    "scenes",
-    "Hard scenes: right poses, or an honest no.",
-    """Simulated scenes, each with a stated right answer: frames registered, error, what is said of the others.
-
-    The error is the rmse of positions after one rigid motion that fits orientations and positions; 2 sigma: the share
-    of the errors, axis by axis, within twice the standard deviation that the run promises.
-
-    \b
-    Example:   python -m benchmarks scenes --only "repeated texture" --seeds 5
-    """,
-    rows="benchmarks.experiments.scenes:scene_rows",
-    draw="benchmarks.experiments.scenes:draw",
-    columns=(
-        Column("scene", "{scene}", "<31"),
-        Column("registered", "{registered} of {frames}", ">12"),
-        Column("error cm", "{ate_cm:.2f}", ">10"),
-        Column("2 sigma", "{within_2_sigma:.0%}", ">9"),
-        Column("right", "{as_expected}", ">7"),
-        Column("  what is said", "  {verdict}", ""),
-    ),
-    options=(
-        click.option("--only", multiple=True, metavar="SCENE", help="Only this scene; may be repeated."),
-        whole("--frames", 4, 30, "Frames a scene."),
-        whole("--width", 160, 640, "Width of the images (px)."),
-        whole("--seeds", 1, 1, "Rooms and paths a scene."),
-    ),
-)
-
-MEASUREMENTS = (ABLATION, AVERAGING, CALIBRATION, EDGES, OUTLIERS, RECALL, SCENES)
+ON_RECORDINGS = (ABLATION, EDGES, OUTLIERS, RECALL)
