@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.known_sensors import stores_millimetres
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.sensor_steps import disparity_step, too_large_by
 from miniloop_cli.errors import InputError
@@ -22,15 +23,7 @@ NEXT = 0.9  # real depth ends below this part of it,
 SPIKE = 50  # or the value is held by so many times more pixels than any near it
 MIN_OTHERS = 0.05  # pixels with depth: a plain wall is no missing reading
 USUAL_M = (0.3, 12.0)  # median depths of recordings
-# Width and height of depth images that only these sensors make; what records them stores millimetres.
-MILLIMETRE_SENSORS = {
-    (512, 424): "a Kinect v2",
-    (640, 576): "an Azure Kinect",
-    (320, 288): "an Azure Kinect",
-    (256, 192): "a phone with ARKit",
-    (192, 256): "a phone with ARKit",
-    (224, 172): "a PMD sensor",
-}
+FIVES = 0.99  # of the values are multiples of 5: millimetres that were stored at 5000 units a metre, as TUM's are
 Values = NDArray[Any]
 
 
@@ -105,6 +98,11 @@ def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
     return float(value) if alone or spike else None
 
 
+def _size(stored: Values) -> tuple[int, int]:
+    height, width = stored.shape
+    return width, height
+
+
 def _without(stored: Values, out: tuple[float, ...]) -> Values:
     return np.where(np.isin(stored, np.array(out, stored.dtype)), 0, stored) if out else stored
 
@@ -155,10 +153,10 @@ def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]
     factor = too_large_by(*disparity_step(depths_m))
     if factor and USUAL_M[0] <= median / (scale * factor) < USUAL_M[1]:
         against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
-    elif scale == 1000 and fives > 0.99:
+    elif scale == 1000 and fives > FIVES:
         against = f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
-    elif scale != 1000 and (size := sample[0].shape[::-1]) in MILLIMETRE_SENSORS:
-        against = f"; images of {size[0]} x {size[1]} are those of {MILLIMETRE_SENSORS[size]}, stored in millimetres"
+    elif scale != 1000 and fives <= FIVES and (told := stores_millimetres(sequence.camera, _size(sample[0]))):
+        against = f"; {told}"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
         against = f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
     text += f": the median depth is {median / scale:.2f} m{against}; state it with --camera FILE"

@@ -159,7 +159,32 @@ def test_a_size_that_only_one_sensor_has_contradicts_an_assumed_scale(tiny):
     lens = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
     tiny.text("camera.yaml", size + matrix + lens)
     notes = [note for note in open_sequence(tiny.root).notes if note.kind == NoteKind.CONTRADICTED]
-    assert ["512 x 424 are those of a Kinect v2, stored in millimetres" in note.text for note in notes] == [True]
+    assert [
+        "depth images of 512 x 424 are those of a Kinect v2, stored in millimetres" in note.text for note in notes
+    ] == [True]
+
+
+@pytest.mark.parametrize(
+    ("fx", "step", "told"),
+    [
+        (615, 1, "fx = 615 at 640 x 480 is that of a RealSense D415 or D435, which stores millimetres"),
+        (385, 1, "fx = 385 at 640 x 480 is that of a RealSense D455, which stores millimetres"),
+        (615, 5, None),  # millimetres that were converted to TUM's unit
+        (525, 1, None),
+        (577, 1, None),
+    ],
+)
+def test_the_focal_length_of_a_known_sensor_contradicts_an_assumed_scale(tiny, fx, step, told):
+    rng = np.random.default_rng(1)
+    for k in range(3):
+        tiny.color(f"rgb/{10 + k / 10:.6f}.png", 640, 480)
+        tiny.put(f"depth/{10 + k / 10:.6f}.png", (step * rng.integers(1600, 3000, (480, 640))).astype(np.uint16))
+    lens = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
+    matrix = f"camera_matrix: {{rows: 3, cols: 3, data: [{fx}, 0, 320, 0, {fx}, 240, 0, 0, 1]}}\n"
+    tiny.text("camera.yaml", "image_width: 640\nimage_height: 480\n" + matrix + lens)
+    notes = [note for note in open_sequence(tiny.root).notes if "depth_scale 5000" in note.text]
+    assert [note.kind for note in notes] == [NoteKind.CONTRADICTED if told else NoteKind.ASSUMED]
+    assert told is None or told in notes[0].text
 
 
 @pytest.mark.parametrize(
