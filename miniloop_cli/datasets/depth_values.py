@@ -154,12 +154,12 @@ def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]
     against = ""
     factor = too_large_by(*disparity_step(depths_m))
     if factor and USUAL_M[0] <= median / (scale * factor) < USUAL_M[1]:
-        against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
+        against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} units a metre"
     elif scale == 1000 and fives > 0.99:
-        against = f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
+        against = f"; all values are multiples of 5, as in depth of TUM's {other:g} units a metre"
     elif scale != 1000 and (size := sample[0].shape[::-1]) in MILLIMETRE_SENSORS:
-        against = f"; images of {size[0]} x {size[1]} are those of {MILLIMETRE_SENSORS[size]}, stored in millimetres"
+        against = f"; {size[0]} x {size[1]} is the size of {MILLIMETRE_SENSORS[size]}, whose depth is in millimetres"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
-        against = f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
+        against = f"; this is unusual for such sensors, at {other:g} units a metre it would be {median / other:.2f} m"
     text += f": the median depth is {median / scale:.2f} m{against}; state it with --camera FILE"
     return Note(NoteKind.CONTRADICTED if against else NoteKind.ASSUMED, text)
