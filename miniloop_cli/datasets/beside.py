@@ -1,4 +1,4 @@
-"""Files that lie beside the images and that the reader does not use: they are named, not passed over."""
+"""Files beside the images that the reader does not use, each reported in a note."""
 
 from __future__ import annotations
 

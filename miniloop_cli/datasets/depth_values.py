@@ -1,4 +1,4 @@
-"""What the depth values of a recording mean, from a sample of its frames: their unit, and which are no readings."""
+"""The unit of a recording's depth values, and those that mean "no reading", from a sample of its frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Values = NDArray[Any]
 def understand_depth(sequence: Sequence) -> Sequence:
     """The sequence with the unit of floating-point depth and the values that mean "no reading", each with a note.
 
-    Images that cannot be read have no say. Raises InputError where depth is floating-point in an unknown unit.
+    Images that cannot be read are ignored. Raises InputError where depth is floating-point in an unknown unit.
     """
     sample = sample_depth(sequence)
     if not sample:
@@ -89,7 +89,7 @@ def no_readings(sample: Many[Values], known: tuple[float, ...] = ()) -> list[tup
 
 
 def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
-    """The smallest (`end` 0) or largest (-1) of all readings if it stands apart from the others as a mark does."""
+    """The smallest (`end` 0) or largest (-1) of all readings if it is far from the others, as a marker is."""
     values, counts = np.unique(np.concatenate(readings), return_counts=True) if readings else (np.zeros(0), np.zeros(0))
     if len(values) < 2:
         return None

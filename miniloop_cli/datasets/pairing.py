@@ -1,4 +1,4 @@
-"""Which colour image belongs to which depth image: by times where both have them, by frame numbers, or not at all."""
+"""Pairs of colour and depth images: by time if both streams have times, else by frame number, else refused."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
 
 
 def _by_times_if_numbers_fail(color: Stream, depth: Stream) -> tuple[Stream, Stream]:
-    """Streams whose whole numbers hardly agree, but lie apart as times do, with the numbers taken as times."""
+    """The streams, with numbers taken as times if few are equal in both and their intervals are those of times."""
     if color.numbers is None or depth.numbers is None or color.times is not None or depth.times is not None:
         return color, depth
     common = len(np.intersect1d(color.numbers, depth.numbers))

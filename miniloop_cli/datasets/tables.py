@@ -52,7 +52,7 @@ def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
 def read_associations(
     root: Path, name: str, color_folders: tuple[str, ...], depth_folders: tuple[str, ...]
 ) -> tuple[Stream, Stream]:
-    """Colour and depth of a table of four columns, row by row; which pair is depth, its paths tell.
+    """Colour and depth of a table of four columns, row by row; the paths tell which pair is depth.
 
     Raises InputError as `read_table`, and for rows with fewer columns.
     """
@@ -141,7 +141,7 @@ class FileFinder:
 
 
 def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[int] | None = None) -> Stream:
-    """Rows with their files, those that repeat a stamp left out and noted; or the rows `kept`, whatever their stamps.
+    """Rows with their files. Rows that repeat a stamp are left out and noted, unless `kept` gives the rows to keep.
 
     Raises InputError as `read_table`.
     """
@@ -164,9 +164,9 @@ def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[
 
 
 def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
-    """The rows with a stamp that no row before them has, since the clock started. InputError where too many have none.
+    """The first row of each stamp since the clock started. InputError where too many rows repeat a stamp.
 
-    Rows that stand twice do not count as equal stamps.
+    Rows that repeat stamp and file do not count as repeated stamps.
     """
     first: dict[tuple[float, Path], int] = {}
     for k, key in enumerate(zip(values.tolist(), paths, strict=True)):

@@ -1,4 +1,4 @@
-"""Colour images whose EXIF data say that they are to be turned, which depth images never say."""
+"""EXIF orientation of colour images; depth images have none."""
 
 from __future__ import annotations
 
