@@ -43,12 +43,12 @@ def choices(field: FieldInfo) -> tuple[Any, ...]:
 
 
 class Depth(Section):
-    """Which depth readings are believed."""
+    """Which depth readings are used."""
 
-    min_m: float = Field(0.3, ge=0, description="Nearest depth that is used (m).")
-    max_m: float = Field(8.0, gt=0, description="Farthest depth that is used (m).")
+    min_m: float = Field(0.3, ge=0, description="Smallest depth that is used (m).")
+    max_m: float = Field(8.0, gt=0, description="Largest depth that is used (m).")
     edge_ratio: float = Field(
-        0.04, gt=0, description="A feature whose four neighbouring readings differ by more than this share is dropped."
+        0.04, gt=0, description="A feature is dropped if its four neighbouring readings differ by more than this share."
     )
 
 
@@ -63,26 +63,26 @@ class Features(Section):
 
 
 class Matching(Section):
-    """Which features of two scans are taken for the same point."""
+    """Which features of two scans are matched."""
 
-    ratio: float = Field(0.8, gt=0, le=1, description="Nearest over second-nearest descriptor distance, at most.")
+    ratio: float = Field(0.8, gt=0, le=1, description="Largest ratio of nearest to second-nearest descriptor distance.")
     pairs: str = Field("auto", description="auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers).")
-    count: int = Field(1200, ge=16, description="Strongest features of a scan in a full comparison.")
+    count: int = Field(1200, ge=16, description="Strongest features of a scan used in a full comparison.")
     min_distance_consistent: int = Field(
-        6, ge=0, description="auto: a pair with fewer matches that all agree in their distances is left out."
+        6, ge=0, description="auto: a pair with fewer matches of mutually consistent distances is left out."
     )
     exhaustive_max_scans: int = Field(
-        200, ge=2, description="auto: up to so many scans every pair is looked at; beyond, retrieval."
+        200, ge=2, description="auto: up to this number of scans every pair is compared; above, retrieval selects."
     )
     retrieval_k: int = Field(
-        40, ge=1, description="auto, beyond exhaustive_max_scans: scans that look most alike, per scan."
+        40, ge=1, description="auto, above exhaustive_max_scans: most similar scans that each scan is compared with."
     )
     sequential_window: int = Field(
-        10, ge=1, description="sequential, and beyond exhaustive_max_scans: frames after each frame."
+        10, ge=1, description="sequential, and above exhaustive_max_scans: following frames compared with each frame."
     )
-    min_matches: int = Field(12, ge=3, description="T of the paper: an edge of the graph needs this many matches.")
+    min_matches: int = Field(12, ge=3, description="Matches that an edge of the graph needs (T in the paper).")
     edge_share: float = Field(
-        0.0, ge=0, le=1, description="Share of all pairs that become edges: T follows from it; 0: T is min_matches."
+        0.0, ge=0, le=1, description="Share of all pairs that become edges, from which T follows; 0: T is min_matches."
     )
 
 
@@ -93,106 +93,115 @@ class Ransac(Section):
         "msac",
         description="msac: truncated noise-scaled residuals; count: inliers within threshold_m, as in the paper.",
     )
-    threshold_m: float = Field(0.08, gt=0, description="Inlier distance while sampling (m); loose on purpose.")
-    iterations: int = Field(2000, ge=1, description="Most hypotheses an estimation.")
-    confidence: float = Field(0.999, gt=0, lt=1, description="Stop when an all-inlier sample was drawn this surely.")
-    adaptive: bool = Field(True, description="Stop early; off: always `iterations` hypotheses, as in the paper.")
+    threshold_m: float = Field(0.08, gt=0, description="Inlier distance while sampling (m); large on purpose.")
+    iterations: int = Field(2000, ge=1, description="Largest number of hypotheses for one estimation.")
+    confidence: float = Field(0.999, gt=0, lt=1, description="Probability of an all-inlier sample at which to stop.")
+    adaptive: bool = Field(True, description="Stop early; false: always `iterations` hypotheses, as in the paper.")
     local_optimization: bool = Field(True, description="Gauss-Newton on all inliers of all edges of the cycle.")
 
 
 class Verification(Section):
-    """When an edge is believed."""
+    """When an edge is accepted."""
 
     chi2: float = Field(16.0, gt=0, description="A match is an inlier below this squared Mahalanobis distance.")
     min_inliers: int = Field(10, ge=3, description="Inliers that a verified edge needs.")
-    min_share: float = Field(0.2, ge=0, le=1, description="... and their share of the matches.")
-    min_weak_inliers: int = Field(6, ge=3, description="Enough for a frame that would hang on fewer than three edges.")
+    min_share: float = Field(0.2, ge=0, le=1, description="Share of matches that must be inliers in a verified edge.")
+    min_weak_inliers: int = Field(6, ge=3, description="Inliers that suffice where a frame has fewer than three edges.")
     guided_matching: bool = Field(
-        True, description="Match pairs that failed again where averaged poses say that their scans overlap."
+        True, description="Match failed pairs again if their scans overlap according to the averaged poses."
     )
 
 
 class Cycles(Section):
     """The decomposition of the overlap graph and its joint estimation."""
 
-    longest: Literal[2, 3, 4, 5, 6, 7] = Field(5, description="Longest cycle; 2: every edge alone (pairwise).")
+    longest: Literal[2, 3, 4, 5, 6, 7] = Field(
+        5, description="Length of the longest cycle; 2: every edge alone (pairwise)."
+    )
     decomposition: Literal["dfs", "support"] = Field(
         "support",
-        description="dfs: the paper's depth-first search; support: weak edges get strong partners, few are left over.",
+        description="dfs: the paper's depth-first search; support: gives weak edges strong partners, leaves few over.",
     )
     loop_support: bool = Field(
-        True, description="Try edges that were not verified again, in loops over edges that were; agreeing loops vouch."
+        True, description="Try unverified edges again in loops over verified ones; agreeing loops confirm an edge."
     )
 
 
 class Gravity(Section):
-    """With `--gravity`: how far an accelerometer is believed."""
+    """With `--gravity`: how far an accelerometer is trusted."""
 
     max_median_deg: float = Field(
-        6.0, gt=0, description="Gravity that contradicts the sure edges by more, at the median, is refused (degrees)."
+        6.0, gt=0, description="Gravity is refused if its median difference to the sure edges is larger (degrees)."
     )
-    agree_deg: float = Field(4.0, gt=0, description="An edge that agrees so well is confirmed by it (degrees).")
+    agree_deg: float = Field(4.0, gt=0, description="An edge that agrees within this angle is confirmed (degrees).")
     max_deg: float = Field(
         8.0,
         gt=0,
-        description="An edge that contradicts the vertical by more, and by 4 times that median, is dropped (degrees).",
+        description="An edge that differs from the vertical by more, and by 4 times that median, is dropped (degrees).",
     )
     min_bridge_inliers: int = Field(
         8,
         ge=3,
-        description="In place of averaging.min_bridge_inliers for edges that gravity confirms: inliers without a loop.",
+        description="Replaces averaging.min_bridge_inliers for edges that gravity confirms.",
     )
 
 
 class PosePrior(Section):
     """With `--pose-prior`: how far rough relative poses may be off."""
 
-    max_deg: float = Field(20.0, gt=0, description="An edge that contradicts rough poses by more is dropped (degrees).")
-    max_m: float = Field(0.5, gt=0, description="An edge that contradicts rough poses by more is dropped (m).")
+    max_deg: float = Field(20.0, gt=0, description="An edge is dropped if it differs more from rough poses (degrees).")
+    max_m: float = Field(0.5, gt=0, description="An edge that differs from the rough poses by more is dropped (m).")
     min_bridge_inliers: int = Field(
-        8, ge=3, description="In place of averaging.min_bridge_inliers for edges that agree: inliers without a loop."
+        8, ge=3, description="Replaces averaging.min_bridge_inliers for edges that agree with the rough poses."
     )
 
 
 class Averaging(Section):
     """From relative to absolute poses."""
 
-    rotations: Literal["robust", "plain"] = Field("robust", description="L1 then IRLS; plain: without weights.")
-    rotation_scale_deg: float = Field(3.0, gt=0, description="Geman-McClure scale of the IRLS (degrees).")
-    translations: Literal["robust", "plain"] = Field("robust", description="Reweighted; plain: one least squares.")
-    translation_scale_m: float = Field(0.03, gt=0, description="Scale of the translation reweighting (m).")
-    max_residual_deg: float = Field(5.0, gt=0, description="An edge farther off than this is dropped (degrees).")
-    max_residual_m: float = Field(0.10, gt=0, description="An edge farther off than this is dropped (m).")
-    min_photo_consistency: float = Field(
-        0.4, ge=0, lt=1, description="Share of what two scans both see that must look alike in both; 0: not checked."
+    rotations: Literal["robust", "plain"] = Field(
+        "robust", description="robust: L1, then IRLS; plain: without weights."
     )
-    min_bridge_inliers: int = Field(20, ge=0, description="Inliers that an edge needs which no loop of edges confirms.")
+    rotation_scale_deg: float = Field(3.0, gt=0, description="Geman-McClure scale of the IRLS (degrees).")
+    translations: Literal["robust", "plain"] = Field(
+        "robust", description="robust: reweighted; plain: one least squares."
+    )
+    translation_scale_m: float = Field(0.03, gt=0, description="Scale of the translation reweighting (m).")
+    max_residual_deg: float = Field(5.0, gt=0, description="An edge with a larger residual is dropped (degrees).")
+    max_residual_m: float = Field(0.10, gt=0, description="An edge with a larger residual is dropped (m).")
+    min_photo_consistency: float = Field(
+        0.4,
+        ge=0,
+        lt=1,
+        description="Share of the common view of two scans that must look alike in both; 0: not checked.",
+    )
+    min_bridge_inliers: int = Field(20, ge=0, description="Inliers an edge needs if no loop of edges confirms it.")
 
 
 class Bundle(Section):
     """The joint refinement by bundle adjustment over feature tracks."""
 
-    max_scans: int = Field(3000, ge=2, description="Of more scans only the pose graph is refined: time is bounded so.")
+    max_scans: int = Field(3000, ge=2, description="With more scans only the pose graph is refined (saves time).")
     partners: int = Field(15, ge=1, description="Scans that each scan is matched with again, guided by the poses.")
-    radius_px: float = Field(8.0, gt=0, description="How far from its predicted place a feature is looked for (px).")
-    max_distance2: float = Field(0.3, gt=0, description="Squared descriptor distance of a guided match, at most.")
-    min_frames: int = Field(3, ge=2, description="Scans that a track must be seen in.")
-    depth_sigma_factor: float = Field(2.0, gt=0, description="Depth noise in units of the sensor model.")
+    radius_px: float = Field(8.0, gt=0, description="Search radius around a feature's predicted position (px).")
+    max_distance2: float = Field(0.3, gt=0, description="Largest squared descriptor distance of a guided match.")
+    min_frames: int = Field(3, ge=2, description="Number of scans that a track must be seen in.")
+    depth_sigma_factor: float = Field(2.0, gt=0, description="Depth noise as a multiple of the sensor model.")
     timing: bool = Field(
         True,
         description="Estimate rolling shutter and the lag of depth behind colour from the recording, if observable.",
     )
     motion: bool = Field(
         True,
-        description="With timing: estimate the motion within each frame from its own rows; off: by the path of poses.",
+        description="With timing: estimate the motion within each frame from its rows; false: from the path of poses.",
     )
 
 
 class Cloud(Section):
     """The model that is written."""
 
-    voxel_m: float = Field(0.01, gt=0, description="One point a voxel of this edge length (m).")
-    stride_px: int = Field(4, ge=1, description="Every so manieth pixel of a scan enters the model.")
+    voxel_m: float = Field(0.01, gt=0, description="Edge length of the voxels (m); each holds one point.")
+    stride_px: int = Field(4, ge=1, description="Step between pixels of a scan that enter the model (px).")
 
 
 class Estimation(NamedTuple):

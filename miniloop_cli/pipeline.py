@@ -101,7 +101,7 @@ def _why_nothing(scans: ScanSet, edges: EdgeTable, settings: Settings) -> str:
     inliers = edges.inlier_count
     if len(edges) and inliers.max() >= settings.verification.min_inliers:
         best = edges.reasons()[int(inliers.argmax())]
-        return f"no scan was registered: none of {len(edges)} overlaps was believed (the best one: {best})"
+        return f"no scan was registered: none of {len(edges)} overlapping pairs was accepted (the best one: {best})"
     return (
         f"no scan was registered: {len(edges)} of {len(scans) * (len(scans) - 1) // 2} pairs have "
         f"{settings.matching.min_matches} or more matches and none was verified; do the scans overlap, and is the "

@@ -61,9 +61,13 @@ def show() -> None:
 
 @cache.command(context_settings=CONTEXT, short_help="Remove kept work.")
 @click.option(
-    "--older-than", "days", type=click.FloatRange(min=0), metavar="DAYS", help="What was not used for so long."
+    "--older-than",
+    "days",
+    type=click.FloatRange(min=0),
+    metavar="DAYS",
+    help="Remove what was not used for this many days.",
 )
-@click.option("--all", "everything", is_flag=True, help="All of it.")
+@click.option("--all", "everything", is_flag=True, help="Remove everything.")
 def prune(days: float | None, everything: bool) -> None:
     """Remove kept work; only miniloop's own files are touched, and a run that is going on is not disturbed.
 

@@ -34,7 +34,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     default=CONVENTIONS[0],
     show_default=True,
     metavar="NAME",
-    help=f"What its poses mean: {', '.join(CONVENTIONS[:-1])}; or body: of a body fixed to the camera, fitted.",
+    help=f"Convention of its poses: {', '.join(CONVENTIONS[:-1])}; or body (fixed to the camera, offset fitted).",
 )
 @click.option(
     "--edges",
@@ -48,7 +48,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     type=click.Choice(["interpolate", "nearest"]),
     default="interpolate",
     show_default=True,
-    help="Ground truth at a frame's stamp; nearest is what evo and the TUM scripts do.",
+    help="How ground truth is found for a frame's stamp; evo and the TUM scripts use nearest.",
 )
 @click.option(
     "--max-diff",
@@ -56,7 +56,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     default=0.02,
     show_default=True,
     metavar="SECONDS",
-    help="A ground-truth sample this near is always enough.",
+    help="A ground-truth sample within this time always suffices.",
 )
 @click.option(
     "--max-gap",
@@ -64,7 +64,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     default=0.1,
     show_default=True,
     metavar="SECONDS",
-    help="interpolate: samples at most this far apart are enough too.",
+    help="interpolate: samples at most this far apart suffice, too.",
 )
 @click.option("--scale", is_flag=True, help="Align with a free scale (Sim3) instead of a rigid motion.")
 @options.follow_links

@@ -29,13 +29,13 @@ recording = click.option(
     "--sequence",
     type=click.Path(exists=True, path_type=Path),
     metavar="SEQ",
-    help="The recording that was registered [default: where it was then].",
+    help="The recording that was registered [default: its folder during the run].",
 )
 camera = click.option(
     "--camera",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Intrinsics (YAML) of SEQ [default: those of the run].",
+    help="Camera file of SEQ (YAML, or of another tool) [default: the camera of the run].",
 )
 
 

@@ -23,11 +23,11 @@ from miniloop_cli.cli.main import CONTEXT
 @click.option("--voxel", type=click.FloatRange(0.001, 1), default=0.01, show_default=True, metavar="METRES",
               help="Voxel size; detail below it is lost.")  # fmt: skip
 @click.option("--max-depth", type=click.FloatRange(0.1), default=4.0, show_default=True, metavar="METRES",
-              help="Readings beyond are not used.")  # fmt: skip
+              help="Depth readings beyond this are not used.")  # fmt: skip
 @click.option("--min-weight", type=click.FloatRange(0), default=3.0, show_default=True, metavar="N",
-              help="Surface seen fewer times is left out.")  # fmt: skip
+              help="Surfaces seen fewer times are left out.")  # fmt: skip
 @click.option("--memory", type=click.IntRange(50), default=3000, show_default=True, metavar="MB",
-              help="Where this does not suffice, larger voxels are taken.")  # fmt: skip
+              help="Memory limit; if it does not suffice, larger voxels are used.")  # fmt: skip
 @options.quiet
 def mesh(
     result: Path | None,

@@ -64,7 +64,7 @@ verbose = click.option(
     is_flag=True,
     expose_value=False,
     callback=_show_notes,
-    help="Say on stderr what is done and assumed.",
+    help="Print to stderr what is done and assumed.",
 )
 overrides = click.option(
     "--set",
@@ -78,10 +78,10 @@ layout = click.option(
     "--layout",
     metavar="NAME",
     shell_complete=complete("complete_layout"),
-    help="Layout of SEQ, if looking at the folder is not enough.",
+    help="Layout of SEQ, if it is not recognised.",
 )
 follow_links = click.option(
-    "--follow-links", is_flag=True, help="Read images also behind symbolic links that lead out of the recording."
+    "--follow-links", is_flag=True, help="Also read images behind symbolic links that lead out of the recording."
 )
 json_file = click.option("--json", "json_path", metavar="FILE|-", help="Write JSON to FILE, or to stdout with '-'.")
 

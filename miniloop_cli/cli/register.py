@@ -35,10 +35,13 @@ MOST_REASONS = 8  # that the summary shows
 @click.option(
     "--pairs",
     metavar="MODE|FILE",
-    help="Scans that are compared: auto, exhaustive, sequential, or a file of lines 'i j'.",
+    help="Pairs to compare: auto, exhaustive, sequential, or a file of lines 'i j'.",
 )
 @click.option(
-    "--camera", type=click.Path(path_type=Path), metavar="FILE", help="Intrinsics (YAML) instead of those found."
+    "--camera",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera file (YAML, or of another tool) instead of the camera found.",
 )
 @click.option(
     "--gravity",
@@ -50,14 +53,14 @@ MOST_REASONS = 8  # that the summary shows
     "--pose-prior",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Rough poses (TUM format): which scans to compare, which edges are wrong.",
+    help="Rough poses (TUM, KITTI, EuRoC ...): they select pairs to compare and reject wrong edges.",
 )
 @click.option("--init", type=click.Path(path_type=Path), hidden=True, help="Name of --pose-prior in release 0.1.")
 @options.layout
 @options.follow_links
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 @options.overrides
-@click.option("--fresh", is_flag=True, help="Make everything again; by default finished work is taken up.")
+@click.option("--fresh", is_flag=True, help="Compute everything again; by default finished work is reused.")
 @options.jobs
 @click.option(
     "--cluster",
@@ -66,7 +69,9 @@ MOST_REASONS = 8  # that the summary shows
 )
 @options.seed
 @options.json_file
-@click.option("--strict", is_flag=True, help="Exit with 1 where the result is doubtful or bad; it is written.")
+@click.option(
+    "--strict", is_flag=True, help="Exit with status 1 if the result is doubtful or bad; it is still written."
+)
 @click.option(
     "--rerun",
     "recording_path",
@@ -166,7 +171,8 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
     rows = {
         "registered": f"{numbers['registered']} of {numbers['frames']} frames",
         "camera": numbers["camera"],
-        "edges": f"{numbers['edges']} verified; solved by " + ", ".join(f"{k} {count}" for k, count in solved),
+        "edges": f"{numbers['edges']} verified; pairs by solver, verified or not: "
+        + ", ".join(f"{k} {count}" for k, count in solved),
         "seconds": f"{sum(seconds.values()):.1f}: " + ", ".join(f"{stage} {s:.1f}" for stage, s in seconds.items()),
         "results": str(folder),
         "report": str(folder / "report.html"),

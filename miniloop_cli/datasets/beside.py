@@ -1,4 +1,4 @@
-"""Files that lie beside the images and that the reader does not use: they are named, not passed over."""
+"""Files beside the images that the reader does not use, each reported in a note."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def unused_cameras(root: Path, used: str, guessed: bool) -> tuple[Note, ...]:
     )
     if guessed:
         return (Note(NoteKind.ASSUMED, f"{text}, while the camera used is a guess; give the right one with --camera"),)
-    return (Note(NoteKind.UNUSED, f"{text}; --camera would use it"),)
+    return (Note(NoteKind.UNUSED, f"{text}; to use it, give it with --camera"),)
 
 
 def _looks_like_camera(path: Path) -> bool:

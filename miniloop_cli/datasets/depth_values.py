@@ -1,4 +1,4 @@
-"""What the depth values of a recording mean, from a sample of its frames: their unit, and which are no readings."""
+"""The unit of a recording's depth values, and those that mean "no reading", from a sample of its frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Values = NDArray[Any]
 def understand_depth(sequence: Sequence) -> Sequence:
     """The sequence with the unit of floating-point depth and the values that mean "no reading", each with a note.
 
-    Images that cannot be read have no say. Raises InputError where depth is floating-point in an unknown unit.
+    Images that cannot be read are ignored. Raises InputError where depth is floating-point in an unknown unit.
     """
     sample = sample_depth(sequence)
     if not sample:
@@ -82,7 +82,7 @@ def no_readings(sample: Many[Values], known: tuple[float, ...] = ()) -> list[tup
 
 
 def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
-    """The smallest (`end` 0) or largest (-1) of all readings if it stands apart from the others as a mark does."""
+    """The smallest (`end` 0) or largest (-1) of all readings if it is far from the others, as a marker is."""
     values, counts = np.unique(np.concatenate(readings), return_counts=True) if readings else (np.zeros(0), np.zeros(0))
     if len(values) < 2:
         return None
@@ -152,12 +152,12 @@ def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]
     against = ""
     factor = too_large_by(*disparity_step(depths_m))
     if factor and USUAL_M[0] <= median / (scale * factor) < USUAL_M[1]:
-        against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} a metre"
+        against = f"; its steps are those of a Kinect or Xtion at about {scale * factor:.0f} units a metre"
     elif scale == 1000 and fives > FIVES:
-        against = f"; all values are multiples of 5, as those of TUM's {other:g} a metre are"
+        against = f"; all values are multiples of 5, as in depth of TUM's {other:g} units a metre"
     elif scale != 1000 and fives <= FIVES and (told := stores_millimetres(sequence.camera, _size(sample[0]))):
         against = f"; {told}"
     elif unlikely and USUAL_M[0] <= median / other < USUAL_M[1]:
-        against = f", unusual for such sensors; at {other:g} a metre it is {median / other:.2f} m"
+        against = f"; this is unusual for such sensors, at {other:g} units a metre it would be {median / other:.2f} m"
     text += f": the median depth is {median / scale:.2f} m{against}; state it with --camera FILE"
     return Note(NoteKind.CONTRADICTED if against else NoteKind.ASSUMED, text)

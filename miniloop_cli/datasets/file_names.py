@@ -1,4 +1,4 @@
-"""What the names of a folder's images say: times, or numbers of frames, told from the parts that differ."""
+"""Time stamps or frame numbers from the names of a folder's images, read from the parts that differ."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ MANY_APART = 1000  # whole numbers this far apart are micro- or nanoseconds
 
 @dataclass(frozen=True)
 class Keys:
-    """What names say, in their order: numbers of frames, times in `unit` (None: it cannot be told), or both.
+    """Frame numbers, times in `unit` (None: unknown), or both, in the order of the names.
 
-    `odd` are the indices of names that are put together otherwise than the others; numbers and times leave them out.
+    `odd` are the indices of names with another pattern than the rest; numbers and times leave them out.
     """
 
     numbers: Ints | None
@@ -39,7 +39,7 @@ class Keys:
 
 
 def keys_of(names: Many[str], unit: Unit | None = None, files: Many[str] = ()) -> Keys:
-    """Numbers and times in names without suffixes; only what differs from name to name counts.
+    """Numbers and times in names without suffixes; only the parts that differ between names are used.
 
     `unit` is that of whole numbers where a layout states it; `files` are the whole names, for messages. Raises
     InputError (reason only) where two names have the same key, and where most names have none.
@@ -64,7 +64,7 @@ def keys_of(names: Many[str], unit: Unit | None = None, files: Many[str] = ()) -
 def _choose(
     columns: list[tuple[str, ...]], names: Many[str], stated: Unit | None
 ) -> tuple[Ints | None, Floats | None, Unit | None]:
-    """The columns that are a counter and a time; `columns` are the numbers of all names, place by place."""
+    """The columns that are a counter and a time; each of `columns` holds one number of every name."""
     columns = _with_fractions(columns)
     differing = [column for column in columns if len(set(column)) > 1] or columns[-1:]
     values = [[float(text) for text in column] for column in differing]
@@ -121,7 +121,7 @@ def _with_fractions(columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 def _dated(names: Many[str]) -> Keys | None:
-    """Seconds since 1970 (UTC) where most names hold date and time of day, each another."""
+    """Seconds since 1970 (UTC) if most names hold a date with time of day and all of these differ, else None."""
     found = [date_s(name) for name in names]
     odd = tuple(k for k, seconds in enumerate(found) if seconds is None)
     times = [seconds for seconds in found if seconds is not None]

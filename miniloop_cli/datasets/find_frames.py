@@ -57,8 +57,8 @@ def _unnamed(root: Path, streams: tuple[Stream, Stream]) -> Iterator[Note]:
             left = [path for path in images if path not in named]
             if left:
                 inside = shown(folder.relative_to(root))
-                text = f"{len(left)} of {len(images)} images in {inside}/ are not used, as {shown(left[0].name)}"
-                yield Note(NoteKind.DROPPED, f"{text}: no row of {stream.where} gives them a time of their own")
+                text = f"{len(left)} of {len(images)} images in {inside}/ are not used, such as {shown(left[0].name)}"
+                yield Note(NoteKind.DROPPED, f"{text}: {stream.where} has no usable row for them")
 
 
 def _stream(root: Path, folder: str, folders: tuple[str, ...], suffixes: tuple[str, ...]) -> Stream:

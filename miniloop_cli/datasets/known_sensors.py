@@ -45,15 +45,15 @@ MILLIMETRE_SIZES = {
 
 
 def stores_millimetres(camera: Camera, depth_size: Size) -> str | None:
-    """What tells that the sensor's depth is in millimetres, in words; None for an unknown one.
+    """Why the depth is probably in millimetres, as a sentence; None where the sensor is not known.
 
     `depth_size` is the width and height (px) of the stored depth images, `camera` that of the colour images.
     """
     width, height = depth_size
     if name := MILLIMETRE_SIZES.get(depth_size):
-        return f"depth images of {width} x {height} are those of {name}, stored in millimetres"
+        return f"{width} x {height} is the size of depth images of {name}, which stores millimetres"
     for sensor in MILLIMETRE_SENSORS:
         if sensor.size == (camera.width, camera.height) and sensor.fx_px[0] <= camera.fx <= sensor.fx_px[1]:
             size = f"{camera.width} x {camera.height}"
-            return f"fx = {camera.fx:.0f} at {size} is that of {sensor.name}, which stores millimetres"
+            return f"fx = {camera.fx:.0f} at {size} is the focal length of {sensor.name}, which stores millimetres"
     return None

@@ -1,4 +1,4 @@
-"""Phones refocus while they record, so that every frame has intrinsics of its own."""
+"""Intrinsics of single frames: phones refocus while they record."""
 
 from __future__ import annotations
 

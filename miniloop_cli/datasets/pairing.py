@@ -1,4 +1,4 @@
-"""Which colour image belongs to which depth image: by times where both have them, by frame numbers, or not at all."""
+"""Pairs of colour and depth images: by time if both streams have times, else by frame number, else refused."""
 
 from __future__ import annotations
 
@@ -77,14 +77,14 @@ def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
         Frame(float(t), c, d, depth_timestamp_s=float(u))
         for t, c, u, d in zip(color_s, color.sources, depth_s, depth.sources, strict=True)
     ]
-    text = f"{len(frames)} pairs as {color.where} names them, whatever their times"
+    text = f"{len(frames)} pairs taken from {color.where}, whatever the difference of their stamps"
     notes = (*color.notes, *depth.notes, Note(NoteKind.PAIRED, text), *_unit_notes(color, unit))
     frames.sort(key=lambda frame: frame.timestamp_s)
     return Paired(tuple(frames), (*notes, *_start_notes(color)), (len(frames), len(frames)))
 
 
 def _by_times_if_numbers_fail(color: Stream, depth: Stream) -> tuple[Stream, Stream]:
-    """Streams whose whole numbers hardly agree, but lie apart as times do, with the numbers taken as times."""
+    """The streams, with numbers taken as times if few are equal in both and their intervals are those of times."""
     if color.numbers is None or depth.numbers is None or color.times is not None or depth.times is not None:
         return color, depth
     common = len(np.intersect1d(color.numbers, depth.numbers))
@@ -107,7 +107,7 @@ def _by_time(root: Path, color: Stream, depth: Stream) -> tuple[Ints, Floats, Fl
     if len(starts[0]) != len(starts[1]):
         more, fewer = (color, depth) if len(starts[0]) > len(starts[1]) else (depth, color)
         raise InputError(
-            f"{more.places[more.starts()[1]]}: the clock starts again here, but not as often in {fewer.where}; split "
+            f"{more.places[more.starts()[1]]}: the clock restarts here, but not as often in {fewer.where}; split "
             "the recording there"
         )
     times = [in_seconds(color.times, unit), in_seconds(depth.times, unit)]
@@ -138,7 +138,7 @@ def _by_number(root: Path, color: Stream, depth: Stream, rate_hz: float) -> tupl
     if color.times is not None and color.unit is not None and (np.diff(color.times) > 0).all():
         color_s = in_seconds(color.times, color.unit)
     else:
-        text = f"frames have no stamps here: frame number / {rate_hz:g} s is used"
+        text = f"the frames have no time stamps: {rate_hz:g} frames a second are assumed"
         notes.append(Note(NoteKind.ASSUMED, text))
     if len(i) < max(len(color.numbers), len(depth.numbers)):
         text = (
@@ -196,11 +196,11 @@ def _unit_notes(color: Stream, unit: Unit) -> list[Note]:
     if unit == SECONDS or color.times is None:
         return []
     if unit == FRAME_NUMBERS:
-        text = f"the stamps of {color.where} count frames: number / {RATE_HZ:g} s is used"
+        text = f"the stamps of {color.where} are frame numbers: {RATE_HZ:g} frames a second are assumed"
         return [Note(NoteKind.ASSUMED, text)]
     since_1970 = EPOCH_S[0] <= float(np.abs(color.times).max()) / unit.per_s < EPOCH_S[1]
     interval = _plainly(apart(color.times))
-    text = f"the stamps of {color.where}, {interval} apart, are taken as {unit.name} and used in seconds"
+    text = f"the stamps of {color.where} are {interval} apart: taken as {unit.name} and converted to seconds"
     return [Note(NoteKind.CONVERTED if since_1970 else NoteKind.ASSUMED, text)]
 
 
@@ -216,8 +216,8 @@ def _start_notes(color: Stream) -> list[Note]:
         return []
     some = ", ".join(color.places[k] for k in starts[1:4].tolist())
     text = (
-        f"the clock starts again at {some}: a new part, whose stamps are moved behind those before it, "
-        f"{PART_GAP_S:g} s between"
+        f"the clock restarts at {some}: the stamps from there on are shifted to begin {PART_GAP_S:g} s after the part "
+        "before"
     )
     return [Note(NoteKind.ASSUMED, text)]
 

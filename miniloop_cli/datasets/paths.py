@@ -1,4 +1,4 @@
-"""Files of a recording, which somebody else made: inside its folder, ordinary, of bounded size."""
+"""Safe access to the files of a recording: inside its folder, ordinary files, of bounded size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Times as recordings write them: the unit they are in, digits that were lost, clocks that start again."""
+"""Time stamps of recordings: their unit, lost digits, and clocks that restart."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ def lost_digits(stamps: ArrayLike) -> int | None:
 def clock_starts(stamps: ArrayLike) -> Ints:
     """Indices of (n,) stamps, in the order of recording, at which the clock starts again; the first is always 0.
 
-    Stamps that jump back into a time that was recorded already are of a clock that was set anew: before and after,
-    they run on evenly. Rows that merely stand in another order do not.
+    A clock was reset if the stamps jump back into a time that was already recorded and are evenly spaced before and
+    after the jump. Rows that are merely out of order are not evenly spaced.
     """
     times, none = np.asarray(stamps, float), np.zeros(1, np.int64)
     steps = np.diff(times)

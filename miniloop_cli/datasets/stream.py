@@ -95,7 +95,8 @@ def named_files(
         text = f"{len(keys.odd)} of {len(files)} files in {shown(folder)}/ are not named like the others and not used"
         notes.append(Note(NoteKind.DROPPED, f"{text}: {shown(some)}"))
     if others and folder != ".":
-        text = f"{len(others)} files in {shown(folder)}/ are not used, as {shown(others[0].name)}: other suffixes"
+        text = f"{len(others)} files in {shown(folder)}/ are not used, such as {shown(others[0].name)}: "
+        text += "suffixes that are not read here"
         notes.append(Note(NoteKind.UNUSED, text))
     kept = np.setdiff1d(np.arange(len(files)), keys.odd)
     by = keys.numbers if keys.numbers is not None else keys.times

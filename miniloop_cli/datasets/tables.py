@@ -52,7 +52,7 @@ def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
 def read_associations(
     root: Path, name: str, color_folders: tuple[str, ...], depth_folders: tuple[str, ...]
 ) -> tuple[Stream, Stream]:
-    """Colour and depth of a table of four columns, row by row; which pair is depth, its paths tell.
+    """Colour and depth of a table of four columns, row by row; the paths tell which pair is depth.
 
     Raises InputError as `read_table`, and for rows with fewer columns.
     """
@@ -141,7 +141,7 @@ class FileFinder:
 
 
 def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[int] | None = None) -> Stream:
-    """Rows with their files, those that repeat a stamp left out and noted; or the rows `kept`, whatever their stamps.
+    """Rows with their files. Rows that repeat a stamp are left out and noted, unless `kept` gives the rows to keep.
 
     Raises InputError as `read_table`.
     """
@@ -164,9 +164,9 @@ def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[
 
 
 def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
-    """The rows with a stamp that no row before them has, since the clock started. InputError where too many have none.
+    """The first row of each stamp since the clock started. InputError where too many rows repeat a stamp.
 
-    Rows that stand twice do not count as equal stamps.
+    Rows that repeat stamp and file do not count as repeated stamps.
     """
     first: dict[tuple[float, Path], int] = {}
     for k, key in enumerate(zip(values.tolist(), paths, strict=True)):
@@ -176,7 +176,7 @@ def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
         if (again := lost_digits(values[part])) is not None:
             row = rows[part[again]]
             raise InputError(
-                f"{row.place}: the stamp {shown(row.stamp)} stands in other rows too, as many do: digits were lost; "
+                f"{row.place}: the stamp {shown(row.stamp)} is repeated, as many are: digits were lost; "
                 "write stamps with all their decimals"
             )
         kept += np.sort(part[np.unique(values[part], return_index=True)[1]]).tolist()
@@ -193,15 +193,14 @@ def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> li
         row = files.missing[0]
         if len(files.missing) >= len(rows):
             raise InputError(
-                f"{row.place}: no such file: {shown(row.rest)}, and no other row leads to one; {_held(root, files)}"
+                f"{row.place}: no such file: {shown(row.rest)}; no row of this table names an existing file; "
+                f"{_held(root, files)}"
             )
-        text = f"{len(files.missing)} of {len(rows)} rows of {name} lead to no file, the first: {row.place}"
+        text = f"{len(files.missing)} of {len(rows)} rows of {name} name a missing file, the first: {row.place}"
         notes.append(Note(NoteKind.DROPPED, f"{text} ({shown(row.rest)})"))
     if files.converted:
-        text = (
-            f"{files.converted} of {len(rows)} rows of {name} do not name their file as it lies here; it was found by "
-        )
-        notes.append(Note(NoteKind.CONVERTED, f"{text}the end of the name"))
+        text = f"{files.converted} of {len(rows)} rows of {name} give a path that does not exist here"
+        notes.append(Note(NoteKind.CONVERTED, f"{text}; the file was found by the end of the path"))
     if files.cut:
         text = f"{files.cut} of {len(rows)} rows of {name} have further columns, which are not used"
         notes.append(Note(NoteKind.UNUSED, text))
@@ -213,7 +212,7 @@ def _held(root: Path, files: FileFinder) -> str:
     for folder in files.folders:
         if (root / folder).is_dir():
             found, _ = list_files(root, folder, ("",))
-            return f"{folder}/ holds {len(found)} files" + (f", as {shown(found[0].name)}" if found else "")
+            return f"{folder}/ holds {len(found)} files" + (f", such as {shown(found[0].name)}" if found else "")
     return f"there is no folder {' or '.join(files.folders) or 'for them'} in {shown(root)}"
 
 

@@ -77,7 +77,7 @@ def _by_counter(
     """Poses whose first column counts: by frame number, or in seconds where the frames are a second apart."""
     for name, stamps_s in numbered.items():
         if len(stamps_s) == len(stamps):
-            found = f"rows counted, by frame number ({len(stamps)}: {name})"
+            found = f"first column counts rows, by frame number ({len(stamps)}: {name})"
             return Trajectory(np.asarray(stamps_s, float), T, ", ".join((*file.format, found, *words)))
     if len(frames_s) > 1 and np.isin(frames_s, stamps).mean() > 0.5:
         return Trajectory(stamps, T, ", ".join((*file.format, "stamps in s", *words)))
@@ -109,10 +109,10 @@ def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
         row = int(np.setdiff1d(np.arange(len(stamps)), keep)[0])
         if equal > max(1, EQUAL_SHARE * len(stamps)):
             raise InputError(
-                f"{file.where(row)}: the stamp {stamps[row]:.9g} again, as in {equal} of {len(stamps)} rows: digits "
-                "are lost; write stamps to the microsecond"
+                f"{file.where(row)}: the stamp {stamps[row]:.9g} is repeated, as in {equal} of {len(stamps)} rows: "
+                "digits are lost; write stamps to the microsecond"
             )
-        words.append(f"{equal} of {len(stamps)} rows left out (the stamp of line {file.lines[row]} again)")
+        words.append(f"{equal} of {len(stamps)} rows left out (line {file.lines[row]} repeats a stamp)")
     return keep, words
 
 

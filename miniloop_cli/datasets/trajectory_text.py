@@ -131,5 +131,5 @@ def _numbers(line: str, where: str, decimal_commas: bool) -> list[float | None]:
     except ValueError:
         raise InputError(f"{where}: not a number in '{shown(line[:80])}'") from None
     if any(value is not None and math.isinf(value) for value in values):
-        raise InputError(f"{where}: a value beyond all numbers; remove the row")
+        raise InputError(f"{where}: a number too large to be read; remove the row")
     return values

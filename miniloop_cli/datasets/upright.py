@@ -1,4 +1,4 @@
-"""Colour images whose EXIF data say that they are to be turned, which depth images never say."""
+"""EXIF orientation of colour images; depth images have none."""
 
 from __future__ import annotations
 
@@ -27,11 +27,9 @@ def with_upright_colour(sequence: Sequence) -> Sequence:
             replace(frame, color=replace(frame.color, upright=True)) if isinstance(frame.color, ImageFile) else frame
             for frame in sequence.frames
         )
-        note = Note(NoteKind.CONVERTED, "colour is turned as its EXIF orientation says, as depth lies so")
+        note = Note(NoteKind.CONVERTED, "colour is rotated by its EXIF orientation, to match the depth images")
         return replace(sequence, frames=frames, notes=(*sequence.notes, note))
-    text = (
-        f"the EXIF orientation ({orientation}) is not applied to colour: depth has none, and is taken to lie as stored"
-    )
+    text = f"the EXIF orientation ({orientation}) is not applied to colour: depth has none, and both are used as stored"
     return replace(sequence, notes=(*sequence.notes, Note(NoteKind.ASSUMED, text)))
 
 

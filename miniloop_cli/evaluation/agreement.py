@@ -51,11 +51,12 @@ def in_our_convention(T_est: Floats, T_given: Floats, convention: str, any_scale
             words = f"poses of a body that sits {_offset(body)} from the camera (IMU, markers)"
             if turned > TURNED_DEG:
                 raise MiniloopError(
-                    f"the ground truth looks like {words}: give poses of the camera, or fit that: --gt-convention body"
+                    f"the ground truth looks like {words}: give poses of the camera, or fit the offset with "
+                    "--gt-convention body"
                 )
-            return T_true, [*notes, f"looks like {words}; --gt-convention body fits that"]
+            return T_true, [*notes, f"looks like {words}; --gt-convention body fits the offset"]
     if off > RELATED:
-        notes.append("result and ground truth hardly move alike: is it of this recording?")
+        notes.append("the motions of result and ground truth hardly agree: is it of this recording?")
     return T_true, notes
 
 

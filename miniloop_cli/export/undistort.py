@@ -1,4 +1,4 @@
-"""Scans as an ideal pinhole camera would have taken them, for tools that know no lens, or not this one."""
+"""Scans as an ideal pinhole camera would have taken them, for tools without lens models, or without this one."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
     if _contradicted(evaluation):
         doubts.append("the ground truth contradicts the poses")
     if data.contradicted:
-        doubts += ["the recording speaks against what was assumed of it", *data.contradicted]
+        doubts += ["the recording contradicts what was assumed about it", *data.contradicted]
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
     off = edges.worst_first[_far_off(edges)[edges.worst_first]]

@@ -53,17 +53,17 @@ _SENTENCES = {
     Rejection.INCONSISTENT_DISTANCES: "no {a:.0f} matches agree in their distances",
     Rejection.NO_HYPOTHESIS: "no hypothesis fits the matches",
     Rejection.UNSUPPORTED_BRIDGE: "{a:.0f} inliers, and no loop confirms it",
-    Rejection.REPETITION: "both scans repeat themselves (every {a:.2f} m): it may be another part",
-    Rejection.DEPTH_DISCONTINUITIES: "scan {a:.0f}: {b_percent:.0f} % of its matches lie on outlines, which move "
-    "with the view, and no overlap has enough others",
+    Rejection.REPETITION: "both scans show a pattern that repeats every {a:.2f} m: matches may be off by one period",
+    Rejection.DEPTH_DISCONTINUITIES: "scan {a:.0f}: {b_percent:.0f} % of its matches lie on depth discontinuities, "
+    "which change with the viewpoint, and no overlap has enough other matches",
     Rejection.LOOKS_DIFFERENT: "only {a_percent:.0f} % of what both scans see looks alike",
     Rejection.UNCLOSED_TRIANGLES: "closes no loops",
-    Rejection.CONTRADICTS_POSES: "contradicts the others by {a:.1f} deg, {b_cm:.0f} cm",
+    Rejection.CONTRADICTS_POSES: "contradicts the other edges by {a:.1f} deg, {b_cm:.0f} cm",
     Rejection.MOVING_COMPONENT: "only {a_percent:.0f} % of what {b:.0f} scans see twice looks alike: something moves, "
     "or places were confused",
     Rejection.SCAN_LOOKS_DIFFERENT: "scan {a:.0f}: only {b_percent:.0f} % of what it shares with its neighbours looks "
     "alike",
-    Rejection.MOSTLY_MOVING: "{a:.0f} other scans, more than are left, are not one world",
+    Rejection.MOSTLY_MOVING: "{a:.0f} other scans, more than remain, show no consistent scene, so this is not trusted",
     Rejection.CONTRADICTS_GRAVITY: "contradicts gravity by {a:.1f} deg",
     Rejection.CONTRADICTS_POSE_PRIOR: "contradicts the pose prior by {a:.0f} deg, {b:.2f} m",
 }

@@ -6,7 +6,7 @@ import shlex
 import pytest
 from command_line import ROOT, launch
 
-# Installation, these tests, and the script that tests/scans/test_fetch_script.py runs.
+# Installation, these tests, and the script that tests/datasets/test_fetch_script.py runs.
 OTHERS = {"pip", "python", "scripts/fetch_tum.sh"}
 
 

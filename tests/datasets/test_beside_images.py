@@ -173,7 +173,7 @@ def test_colour_is_turned_where_depth_is_upright(tiny, orientation):
     sequence = open_sequence(tiny.root)
     check_headers(sequence, 0)
     assert np.abs(read_scan(sequence, 0).color.astype(int) - color).mean() < 2
-    assert any("colour is turned as its EXIF orientation says" in note for note in said(sequence, NoteKind.CONVERTED))
+    assert any("colour is rotated by its EXIF orientation" in note for note in said(sequence, NoteKind.CONVERTED))
 
 
 @pytest.mark.parametrize(("orientation", "size"), [(6, (WIDTH, HEIGHT)), (3, (WIDTH, HEIGHT))])

@@ -132,9 +132,13 @@ def test_one_frame_of_another_type_is_named(tiny):
     ("folder", "change", "words"),
     [
         ("rgb", lambda z: z, "depth_scale 5000 units a metre is assumed, nothing states it: the median depth is 1.9"),
-        ("rgb", lambda z: (z // 10).astype(np.uint16), "unusual for such sensors; at 1000 a metre it is 0.97 m"),
+        (
+            "rgb",
+            lambda z: (z // 10).astype(np.uint16),
+            "unusual for such sensors, at 1000 units a metre it would be 0.97 m",
+        ),
         ("color", lambda z: (z // 10).astype(np.uint16), "depth_scale 1000 units a metre is assumed"),
-        ("color", lambda z: (z // 5 * 5).astype(np.uint16), "all values are multiples of 5, as those of TUM's 5000"),
+        ("color", lambda z: (z // 5 * 5).astype(np.uint16), "all values are multiples of 5, as in depth of TUM's 5000"),
     ],
 )
 def test_an_assumed_scale_is_called_so_and_checked(tiny, folder, change, words):
@@ -159,16 +163,15 @@ def test_a_size_that_only_one_sensor_has_contradicts_an_assumed_scale(tiny):
     lens = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
     tiny.text("camera.yaml", size + matrix + lens)
     notes = [note for note in open_sequence(tiny.root).notes if note.kind == NoteKind.CONTRADICTED]
-    assert [
-        "depth images of 512 x 424 are those of a Kinect v2, stored in millimetres" in note.text for note in notes
-    ] == [True]
+    told = "512 x 424 is the size of depth images of a Kinect v2, which stores millimetres"
+    assert [told in note.text for note in notes] == [True]
 
 
 @pytest.mark.parametrize(
     ("fx", "step", "told"),
     [
-        (615, 1, "fx = 615 at 640 x 480 is that of a RealSense D415 or D435, which stores millimetres"),
-        (385, 1, "fx = 385 at 640 x 480 is that of a RealSense D455, which stores millimetres"),
+        (615, 1, "fx = 615 at 640 x 480 is the focal length of a RealSense D415 or D435, which stores millimetres"),
+        (385, 1, "fx = 385 at 640 x 480 is the focal length of a RealSense D455, which stores millimetres"),
         (615, 5, None),  # millimetres that were converted to TUM's unit
         (525, 1, None),
         (577, 1, None),
@@ -197,5 +200,5 @@ def test_the_steps_of_a_structured_light_sensor_contradict_an_assumed_scale(tiny
         z_m = 1 / (KINECT_STEP_PER_M * np.round(1 / (KINECT_STEP_PER_M * rng.uniform(0.8, 3, (480, 640)))))
         tiny.put(f"depth/{10 + k / 10:.6f}.png", np.round(stored * z_m).astype(np.uint16))
     (note,) = doubts(open_sequence(tiny.root))
-    said = re.search(r"its steps are those of a Kinect or Xtion at about (\d+) a metre", note)
+    said = re.search(r"its steps are those of a Kinect or Xtion at about (\d+) units a metre", note)
     assert (float(said[1]) == pytest.approx(right, rel=0.02)) if right else said is None

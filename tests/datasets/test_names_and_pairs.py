@@ -44,7 +44,7 @@ def test_the_number_that_varies_is_the_frame(tiny, name, folder):
     assert [frame.timestamp_s for frame in sequence.frames] == pytest.approx(np.arange(COUNT) / 30)
     assert [frame.color.path.stem for frame in sequence.frames] == [name(k) for k in range(COUNT)]
     assert said(sequence, NoteKind.DROPPED) == []
-    assert said(sequence, NoteKind.ASSUMED) == ["frames have no stamps here: frame number / 30 s is used"]
+    assert said(sequence, NoteKind.ASSUMED) == ["the frames have no time stamps: 30 frames a second are assumed"]
 
 
 TIMED = {
@@ -96,7 +96,9 @@ def test_files_named_otherwise_are_counted(tiny):
     assert said(sequence, NoteKind.DROPPED) == [
         "1 of 11 files in color/ are not named like the others and not used: preview.png"
     ]
-    assert said(sequence, NoteKind.UNUSED) == ["1 files in depth/ are not used, as list.txt: other suffixes"]
+    assert said(sequence, NoteKind.UNUSED) == [
+        "1 files in depth/ are not used, such as list.txt: suffixes that are not read here"
+    ]
 
 
 @pytest.mark.parametrize("folder", ["color", "rgb"])
@@ -190,7 +192,7 @@ def test_a_counter_tells_that_the_clock_started_again(tiny):
     assert [f.color.path.stem[:5] for f in sequence.frames] == [f"{k:05d}" for k in range(len(times_us))]
     stamps = [f.timestamp_s for f in sequence.frames]
     assert np.diff(stamps)[6] == pytest.approx(10) and np.diff(stamps).min() > 0
-    assert any("the clock starts again at color/00007-" in note for note in said(sequence, NoteKind.ASSUMED))
+    assert any("the clock restarts at color/00007-" in note for note in said(sequence, NoteKind.ASSUMED))
 
 
 def test_names_alone():

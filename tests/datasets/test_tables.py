@@ -68,7 +68,7 @@ def test_an_association_file_pairs_row_by_row(tum, color, depth_first, name):
     sequence = open_sequence(tum.root)
     assert [frame.color.path.name for frame in sequence.frames] == [frame.color.path.name for frame in expected]
     assert [frame.depth for frame in sequence.frames] == [frame.depth for frame in expected]
-    assert said(sequence, NoteKind.PAIRED) == [f"5 pairs as {name} names them, whatever their times"]
+    assert said(sequence, NoteKind.PAIRED) == [f"5 pairs taken from {name}, whatever the difference of their stamps"]
 
 
 @pytest.mark.parametrize("color", ["color", "rgb"])
@@ -106,8 +106,7 @@ def test_an_association_may_use_a_depth_image_twice(tum):
     assert [f.color.path.stem[:4] for f in sequence.frames] == ["10.0", "10.1", "10.2", "10.3", "10.4"]
     assert said(sequence, NoteKind.DROPPED) == [
         f"1 of 6 rows of associations.txt repeat a stamp and are not used, the first: {tum.root}/associations.txt:6",
-        "2 of 5 images in depth/ are not used, as 10.105000.png: no row of associations.txt gives them a time of their "
-        "own",
+        "2 of 5 images in depth/ are not used, such as 10.105000.png: associations.txt has no usable row for them",
     ]
 
 
@@ -123,13 +122,15 @@ def test_images_that_no_row_names_are_counted(tum):
     tum.text("rgb.txt", "".join((tum.root / "rgb.txt").read_text().splitlines(keepends=True)[:4]))
     assert said(open_sequence(tum.root), NoteKind.DROPPED) == [
         "3 pairs from 3 colour and 5 depth images, within 20 ms; the others have no partner",
-        "2 of 5 images in rgb/ are not used, as 10.300000.png: no row of rgb.txt gives them a time of their own",
+        "2 of 5 images in rgb/ are not used, such as 10.300000.png: rgb.txt has no usable row for them",
     ]
 
 
 def test_a_table_that_leads_to_no_file_is_at_fault(tum):
     rewrite(tum, lambda t, n: f"{t} images/{n}.bmp", first="# c\n")
-    with pytest.raises(InputError, match=r"rgb\.txt:2: no such file: images/rgb/10\.0.*rgb/ holds 5 files, as 10\.000"):
+    with pytest.raises(
+        InputError, match=r"rgb\.txt:2: no such file: images/rgb/10\.0.*rgb/ holds 5 files, such as 10\.000"
+    ):
         open_sequence(tum.root)
 
 
@@ -137,7 +138,7 @@ def test_single_rows_without_file_are_named(tum):
     (tum.root / "rgb/10.200000.png").unlink()
     sequence = open_sequence(tum.root)
     assert said(sequence, NoteKind.DROPPED) == [
-        f"1 of 5 rows of rgb.txt lead to no file, the first: {tum.root}/rgb.txt:4 (rgb/10.200000.png)"
+        f"1 of 5 rows of rgb.txt name a missing file, the first: {tum.root}/rgb.txt:4 (rgb/10.200000.png)"
     ]
 
 
@@ -174,13 +175,15 @@ def test_units_are_converted_and_said(tiny, scale, name, start_s, interval_s):
     assert [f.timestamp_s for f in sequence.frames] == pytest.approx(stamps_s, abs=6e-4)
     assert [f.depth_timestamp_s for f in sequence.frames] == pytest.approx(stamps_s + 0.004, abs=6e-4)
     kind = NoteKind.CONVERTED if start_s else NoteKind.ASSUMED
-    assert [f"are taken as {name}" in note for note in said(sequence, kind)] == [True]
+    assert [f"apart: taken as {name} and converted" in note for note in said(sequence, kind)] == [True]
 
 
 def test_frame_numbers_in_tables(tiny):
     sequence = open_sequence(many(tiny, range(8), form="{:d}", scale=1).root)
     assert [f.timestamp_s for f in sequence.frames] == pytest.approx(np.arange(8) / 30)
-    assert said(sequence, NoteKind.ASSUMED) == ["the stamps of rgb.txt count frames: number / 30 s is used"]
+    assert said(sequence, NoteKind.ASSUMED) == [
+        "the stamps of rgb.txt are frame numbers: 30 frames a second are assumed"
+    ]
 
 
 def test_units_that_differ_or_cannot_be_told_are_refused(tiny):
@@ -197,7 +200,7 @@ def test_units_that_differ_or_cannot_be_told_are_refused(tiny):
 def test_lost_digits_are_refused_with_the_line(tiny):
     many(tiny, 1305031102.1 + np.arange(12) / 30, form="{:.0f}", scale=1)
     with pytest.raises(
-        InputError, match=r"rgb\.txt:2: the stamp 1305031102 stands in other rows too, .*digits were lost"
+        InputError, match=r"rgb\.txt:2: the stamp 1305031102 is repeated, as many are: digits were lost"
     ):
         open_sequence(tiny.root)
     many(tiny, 1305031102.1 + np.arange(12) / 30, form="{:.6g}", scale=1)
@@ -213,13 +216,16 @@ def test_a_clock_that_starts_again_starts_a_new_part(tiny, phase_s):
     assert [f.depth.path.stem for f in sequence.frames] == [f"{k:04d}" for k in range(14)]
     found_s = np.array([f.timestamp_s for f in sequence.frames])
     np.testing.assert_allclose(np.diff(found_s), [*[0.1] * 5, 10.002, *[0.1] * 7], atol=1e-9)
-    assert [f"{tiny.root}/rgb.txt:7: a new part" in note for note in said(sequence, NoteKind.ASSUMED)] == [True]
+    assert [
+        f"{tiny.root}/rgb.txt:7: the stamps from there on are shifted" in note
+        for note in said(sequence, NoteKind.ASSUMED)
+    ] == [True]
 
 
 def test_a_clock_that_starts_again_in_one_table_only_is_refused(tiny):
     again_s = np.concatenate([np.arange(6), 0.13 + np.arange(6)]) / 10
     many(tiny, again_s, np.arange(12) / 10)
-    with pytest.raises(InputError, match=r"rgb\.txt:7: the clock starts again here, but not as often in depth\.txt"):
+    with pytest.raises(InputError, match=r"rgb\.txt:7: the clock restarts here, but not as often in depth\.txt"):
         open_sequence(tiny.root)
 
 

@@ -101,7 +101,7 @@ def test_a_tracked_body_is_named_and_fitted_on_request(walk):
     estimate, truth = walk
     T_cam_imu = se3.pose(se3.exp_so3(np.array([0.1, -1.4, 0.6])), np.array([0.05, -0.1, 0.02]))
     given = rewritten(truth, lambda T: T @ T_cam_imu)
-    with pytest.raises(MiniloopError, match=r"a body that sits .* fit that: --gt-convention body"):
+    with pytest.raises(MiniloopError, match=r"a body that sits .* fit the offset with --gt-convention body"):
         evaluate(estimate, given)
     right = evaluate(estimate, truth).numbers
     fitted = evaluate(estimate, given, protocol=Protocol(convention="body")).numbers
@@ -130,4 +130,7 @@ def test_a_bad_result_is_measured_and_said(walk):
     n = len(estimate.timestamps_s)
     other = se3.pose(se3.exp_so3(rng.normal(size=(n, 3))), rng.normal(size=(n, 3)))
     numbers = evaluate(estimate, Trajectory(estimate.timestamps_s, other)).numbers
-    assert numbers["protocol"]["ground_truth"] == "result and ground truth hardly move alike: is it of this recording?"
+    assert (
+        numbers["protocol"]["ground_truth"]
+        == "the motions of result and ground truth hardly agree: is it of this recording?"
+    )

@@ -93,7 +93,7 @@ FILES = {
     "row numbers": (
         lambda T: lines(range(COUNT), T),
         0.0,
-        f"TUM, rows counted, by frame number ({COUNT}: frames of frames.csv)",
+        f"TUM, first column counts rows, by frame number ({COUNT}: frames of frames.csv)",
     ),
 }
 

@@ -290,7 +290,7 @@ def test_an_assumption_that_the_recording_contradicts_is_a_doubt(run):
     (run.results / "summary.json").write_text(json.dumps(summary))
     verdict = judge(load(run.results).columns)
     assert verdict.level == Level.DOUBTFUL
-    assert "but the recording speaks against what was assumed of it" in verdict.headline
+    assert "but the recording contradicts what was assumed about it" in verdict.headline
     assert verdict.reasons[-1] == "depth_scale 1000 is assumed, its steps say 5000"
 
 

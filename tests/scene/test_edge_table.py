@@ -78,7 +78,7 @@ def test_reasons_in_words():
     assert table.reasons() == [
         "7 inliers of 20 matches; 3 loops over verified edges agree",
         "6 inliers of 20 matches",
-        "contradicts the others by 12.3 deg, 50 cm",
+        "contradicts the other edges by 12.3 deg, 50 cm",
     ]
 
 

@@ -113,9 +113,7 @@ def _timed(stream: Stream, times_s: Floats) -> Stream:
 def _if_short(color: Stream, times_s: Floats) -> tuple[Note, ...]:
     if color.numbers is None or color.numbers[-1] < len(times_s):
         return ()
-    text = (
-        f"frameTimestamps has {len(times_s)} times, too few for the frame numbers up to {color.numbers[-1]}: not used"
-    )
+    text = f"frameTimestamps has {len(times_s)} times, too few for frame numbers up to {color.numbers[-1]}: not used"
     return (Note(NoteKind.DROPPED, text),)
 
 
