@@ -6,7 +6,7 @@ import pytest
 from miniloop_cli.datasets.accelerometer import read_accelerometer, verticals
 from miniloop_cli.datasets.stamps import SECONDS, UNITS
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import NoteKind
+from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.simulate import accelerations, true_trajectory
 
@@ -17,7 +17,9 @@ def test_a_table(tmp_path):
     read, notes = read_accelerometer(path, np.array([1.0, 2.0, 3.0]))
     assert read.stamps_s.tolist() == [1, 2, 3]
     assert read.readings.tolist() == [[0, 9.8, 0.1], [0, 9.81, 0], [1, 2, 3]]
-    assert read.source == str(path) and notes == ()
+    assert read.source == str(path)
+    text = f"1 of 4 rows of accelerometer.txt repeat a stamp and are not used, the first: {path}:5"
+    assert notes == (Note(NoteKind.DROPPED, text),)
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.symbol)
