@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
     from miniloop_cli.scene.registration import Registration
+    from miniloop_cli.scene.sequence import Note
 
 LOG = logging.getLogger("miniloop")
 
@@ -63,9 +64,9 @@ def register(
     sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links)
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
     LOG.info("camera: %s", sequence.camera.source)
-    for note in sequence.notes:
-        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
+    _tell(sequence.notes)
     priors = read_priors(sequence, gravity, pose_prior)
+    _tell(priors.notes)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)
     with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
@@ -79,6 +80,11 @@ def register(
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
         _write(run, target, workers, store)
     return run
+
+
+def _tell(notes: Iterable[Note]) -> None:
+    for note in notes:
+        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
 
 
 def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:

@@ -13,7 +13,7 @@ from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.scene.scan_set import ScanSet
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.stages.average import average, photometric_check
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
@@ -41,7 +41,8 @@ def register(
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
-        edges, vertical, notes = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
+        edges, vertical, said = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
+        notes = (*sequence.notes, *priors.notes, *said)
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
@@ -68,7 +69,7 @@ def _registration(
     settings: Settings,
     seed: int,
     watch: Stopwatch,
-    notes: tuple[str, ...],
+    notes: tuple[Note, ...],
 ) -> Registration:
     return Registration(
         scans.sequence,

@@ -18,7 +18,7 @@ from miniloop_cli.cli.main import CONTEXT
 @options.quiet
 @options.verbose
 def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) -> None:
-    """Simulate a small recording, register it, and measure the result: no download, under a minute.
+    """Simulate a small recording, register it, and measure the result: no download, about a minute.
 
     \b
     Example:   miniloop demo

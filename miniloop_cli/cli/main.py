@@ -11,8 +11,7 @@ import importlib
 import os
 import sys
 from contextlib import suppress
-from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -44,8 +43,8 @@ COMMANDS = {
 class LazyGroup(click.Group):
     """A group whose commands may be named by "module:attribute" and imported on use; suggests near names."""
 
-    def __init__(self, *args: object, lazy: dict[str, str] | None = None, **kwargs: object) -> None:
-        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+    def __init__(self, *args: Any, lazy: dict[str, str] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
         self.lazy = lazy or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -93,10 +92,9 @@ def main(args: list[str] | None = None, command: click.Command = cli, program: s
 
 def _open_closed_streams() -> None:
     """Services, windows without a console and `>&-` leave no stdout or stderr: what is said there goes nowhere."""
-    if sys.stdout is None:
-        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 (for the process)
-    if sys.stderr is None:
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # open as long as the process lives
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
 
 
 def _run(command: click.Command, args: list[str], program: str) -> None:

@@ -119,6 +119,8 @@ def register(
 
         import_rerun()  # said now, not when the work is done
 
+    if init and pose_prior:
+        raise click.UsageError("--init is the old name of --pose-prior: give one of them")
     if init:
         LOG.warning("--init is called --pose-prior now; the old name goes with the next release")
     if features:

@@ -1,32 +1,15 @@
-"""Stamps in seconds, and the one-to-one association of two lists of them."""
+"""The one-to-one association of two lists of time stamps."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from miniloop_cli.datasets.paths import shown
-from miniloop_cli.errors import InputError
 from miniloop_cli.typing import Floats, Ints
 
 MAX_DIFFERENCE_S = 0.02
-MAX_STAMP_S = 1e12
 NEIGHBOURS = 32  # candidates on either side of a stamp; a depth camera of 1600 Hz would need more
-
-
-def parse_stamp(text: str, where: str) -> float:
-    """A finite time in seconds; InputError naming `where` otherwise."""
-    try:
-        stamp = float(text)
-    except ValueError:
-        raise InputError(f"{where}: expected a timestamp in seconds, found '{shown(text[:40])}'") from None
-    if not math.isfinite(stamp):
-        raise InputError(f"{where}: the timestamp is {text[:40]}; remove the row")
-    if abs(stamp) > MAX_STAMP_S:
-        raise InputError(f"{where}: the timestamp {text[:40]} is too large for seconds; nanoseconds? divide by 1e9")
-    return stamp
 
 
 def associate(

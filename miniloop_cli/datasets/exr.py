@@ -15,7 +15,6 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.scene.image_source import ImageHeader
 from miniloop_cli.typing import Floats32
 
-MAX_PIXELS = 40_000_000  # as of all images; here already of the window, which the library allocates
 DEPTH_CHANNEL = re.compile(r"(.*\.)?(z|v|y|depth|distance)", re.IGNORECASE)
 
 
@@ -28,14 +27,13 @@ def exr_header(file: BinaryIO) -> ImageHeader:
 
 
 def exr_depth(data: bytes) -> Floats32:
-    """The (h, w) float32 channel that is depth.
+    """The (h, w) float32 channel that is depth, of a file whose `exr_header` was found to be of allowed size.
 
     It is the only one, the one called Z, V, Y or depth (also of a layer, `Layer.Z`), or R where R, G and B are equal.
     Raises InputError (reason only) for others, and where pixels are missing.
     """
-    with _opened(data, header_only=True) as exr:
-        width, height = _size(exr.header())
     with _opened(data, separate_channels=True) as exr:
+        width, height = _size(exr.header())
         channels = {name: np.asarray(channel.pixels) for name, channel in exr.channels().items()}
     names = _depth_channels(list(channels))
     pixels = channels[names[0]]
@@ -61,10 +59,7 @@ def _depth_channels(names: list[str]) -> list[str]:
 
 def _size(header: dict[str, Any]) -> tuple[int, int]:
     (left, top), (right, bottom) = header["dataWindow"]
-    width, height = int(right) - int(left) + 1, int(bottom) - int(top) + 1
-    if not 0 < width * height <= MAX_PIXELS or width < 1:
-        raise InputError(f"an EXR of {width} x {height} pixels")
-    return width, height
+    return int(right) - int(left) + 1, int(bottom) - int(top) + 1
 
 
 @contextmanager

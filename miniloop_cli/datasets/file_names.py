@@ -6,21 +6,15 @@ import re
 from collections import Counter
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 import numpy as np
 
+from miniloop_cli.datasets.stamp_text import date_s
 from miniloop_cli.datasets.stamps import EPOCH_S, FRAME_NUMBERS, SECONDS, Unit, apart, unit_of
 from miniloop_cli.errors import InputError
 from miniloop_cli.typing import Floats, Ints
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-DATE = re.compile(
-    r"(?<!\d)(?P<year>(?:19|20)\d\d)(?P<between>[-_.]?)(?P<month>\d\d)(?P=between)(?P<day>\d\d)(?P<then>[-_T. ]*)"
-    r"(?P<hour>\d\d)(?P<apart>[-_:.hH]?)(?P<minute>\d\d)[-_:.mM]?(?P<second>\d\d)"
-    r"(?:[.,](?P<fraction>\d{1,9})|[-_]?(?P<digits>\d{3}|\d{6}|\d{9}))?(?!\d)"
-)
-PARTS = ("year", "month", "day", "hour", "minute", "second")
 MOST_DIGITS = 19  # of a counter or a time in nanoseconds
 MANY_APART = 1000  # whole numbers this far apart are micro- or nanoseconds
 
@@ -132,17 +126,3 @@ def _dated(names: Many[str]) -> Keys | None:
     if midnight and len(steps) and (steps == 1).all():
         return None  # a date and a counter: 20240501_000012
     return Keys(None, np.array(times), SECONDS, odd)
-
-
-def date_s(name: str) -> float | None:
-    """Seconds since 1970 (UTC) of the date and time of day in a text, None without one."""
-    match = DATE.search(name)
-    if match is None or (match["between"] and not match["apart"] and "T" not in match["then"]):
-        return None  # 2024-05-01_000012 ends in a counter
-    year, month, day, hour, minute, second = (int(match[part]) for part in PARTS)
-    try:
-        moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
-    except ValueError:
-        return None
-    digits = match["fraction"] or match["digits"]
-    return moment.timestamp() + (int(digits) / 10 ** len(digits) if digits else 0.0)

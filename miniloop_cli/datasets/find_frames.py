@@ -12,7 +12,7 @@ from miniloop_cli.datasets.pairing import Paired, pair, pair_rows
 from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, list_files, shown
 from miniloop_cli.datasets.stream import Stream, named_stream
 from miniloop_cli.datasets.tables import read_associations, read_table
-from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.scene.sequence import Note, dropped_images
 
 # Where bare file names of a table are looked for, beside the folder that the table is named after.
 COLOR_FOLDERS = ("rgb", "color", "colour", "image", "images", "cam0")
@@ -58,7 +58,8 @@ def _unnamed(root: Path, streams: tuple[Stream, Stream]) -> Iterator[Note]:
             if left:
                 inside = shown(folder.relative_to(root))
                 text = f"{len(left)} of {len(images)} images in {inside}/ are not used, such as {shown(left[0].name)}"
-                yield Note(NoteKind.DROPPED, f"{text}: {stream.where} has no usable row for them")
+                text = f"{text}: {stream.where} has no usable row for them"
+                yield dropped_images(text, len(left), len(images))
 
 
 def _stream(root: Path, folder: str, folders: tuple[str, ...], suffixes: tuple[str, ...]) -> Stream:

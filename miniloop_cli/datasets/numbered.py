@@ -13,7 +13,7 @@ import numpy as np
 from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.pairing import pair
 from miniloop_cli.datasets.paths import read_bytes, read_lines, shown
-from miniloop_cli.datasets.stream import RATE_HZ, Stream
+from miniloop_cli.datasets.stream import RATE_HZ, Stream, stamped_files
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
@@ -127,3 +127,10 @@ def trajectory_of(poses: Mapping[float, Floats | None], where: str) -> Trajector
     if not known:
         raise InputError(f"{where}: no frame has a pose")
     return Trajectory(np.array(list(known)), np.array(list(known.values())))
+
+
+def poses_in_files(root: Path, folder: str, suffix: str) -> Trajectory:
+    """The poses of a sub-folder's files, one matrix (4, 4) a frame, named like the images. Raises InputError."""
+    files = stamped_files(root, folder, (suffix,))
+    poses = {stamp: usable_pose(read_matrix(path, (4, 4)), shown(path)) for stamp, path in files.items()}
+    return trajectory_of(poses, shown(root / folder))

@@ -10,10 +10,10 @@ import numpy as np
 
 from miniloop_cli.datasets.association import MAX_DIFFERENCE_S, associate
 from miniloop_cli.datasets.paths import shown
-from miniloop_cli.datasets.stamps import EPOCH_S, FRAME_NUMBERS, SECONDS, UNITS, Unit, apart, in_seconds, unit_of
+from miniloop_cli.datasets.stamps import SECONDS, UNITS, Unit, apart, in_seconds, unit_notes, unit_of
 from miniloop_cli.datasets.stream import RATE_HZ, Stream
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Frame, Note, NoteKind
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind, dropped_images
 from miniloop_cli.typing import Floats, Ints
 
 PART_GAP_S = 10.0  # between parts of a clock that starts again: no motion is interpolated across
@@ -78,7 +78,7 @@ def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
         for t, c, u, d in zip(color_s, color.sources, depth_s, depth.sources, strict=True)
     ]
     text = f"{len(frames)} pairs taken from {color.where}, whatever the difference of their stamps"
-    notes = (*color.notes, *depth.notes, Note(NoteKind.PAIRED, text), *_unit_notes(color, unit))
+    notes = (*color.notes, *depth.notes, Note(NoteKind.PAIRED, text), *unit_notes(color.where, color.times, unit))
     frames.sort(key=lambda frame: frame.timestamp_s)
     return Paired(tuple(frames), (*notes, *_start_notes(color)), (len(frames), len(frames)))
 
@@ -117,13 +117,8 @@ def _by_time(root: Path, color: Stream, depth: Stream) -> tuple[Ints, Floats, Fl
     found = associate(color_s[orders[0]], depth_s[orders[1]])
     if not len(found):
         raise InputError(f"{shown(root)}: {_why_nothing(color_s, depth_s, color.where, depth.where)}")
-    notes = [*_unit_notes(color, unit), *_start_notes(color)]
-    if len(found) < max(len(color_s), len(depth_s)):
-        text = (
-            f"{len(found)} pairs from {len(color_s)} colour and {len(depth_s)} depth images, within "
-            f"{1000 * MAX_DIFFERENCE_S:.0f} ms; the others have no partner"
-        )
-        notes.append(Note(NoteKind.DROPPED, text))
+    notes = [*unit_notes(color.where, color.times, unit), *_start_notes(color)]
+    notes += _without_partner(len(found), len(color_s), len(depth_s), f"within {1000 * MAX_DIFFERENCE_S:.0f} ms")
     return np.stack([orders[0][found[:, 0]], orders[1][found[:, 1]]], axis=1), color_s, depth_s, notes
 
 
@@ -140,13 +135,16 @@ def _by_number(root: Path, color: Stream, depth: Stream, rate_hz: float) -> tupl
     else:
         text = f"the frames have no time stamps: {rate_hz:g} frames a second are assumed"
         notes.append(Note(NoteKind.ASSUMED, text))
-    if len(i) < max(len(color.numbers), len(depth.numbers)):
-        text = (
-            f"{len(i)} pairs from {len(color.numbers)} colour and {len(depth.numbers)} depth images, by their numbers; "
-            "the others have no partner"
-        )
-        notes.append(Note(NoteKind.DROPPED, text))
+    notes += _without_partner(len(i), len(color.numbers), len(depth.numbers), "by their numbers")
     return np.stack([i, j], axis=1), color_s, notes
+
+
+def _without_partner(pairs: int, color: int, depth: int, how: str) -> list[Note]:
+    """That some images have no partner."""
+    if pairs == max(color, depth):
+        return []
+    text = f"{pairs} pairs from {color} colour and {depth} depth images, {how}; the others have no partner"
+    return [dropped_images(text, color + depth - 2 * pairs, color + depth)]
 
 
 def _require_common_count(root: Path, color: Stream, depth: Stream) -> None:
@@ -189,24 +187,6 @@ def _common_unit(root: Path, color: Stream, depth: Stream) -> Unit:
 
 def _named(unit: Unit | None) -> str:
     return unit.name if unit else "an unknown unit"
-
-
-def _unit_notes(color: Stream, unit: Unit) -> list[Note]:
-    """How stamps that are not in seconds were understood."""
-    if unit == SECONDS or color.times is None:
-        return []
-    if unit == FRAME_NUMBERS:
-        text = f"the stamps of {color.where} are frame numbers: {RATE_HZ:g} frames a second are assumed"
-        return [Note(NoteKind.ASSUMED, text)]
-    since_1970 = EPOCH_S[0] <= float(np.abs(color.times).max()) / unit.per_s < EPOCH_S[1]
-    interval = _plainly(apart(color.times))
-    text = f"the stamps of {color.where} are {interval} apart: taken as {unit.name} and converted to seconds"
-    return [Note(NoteKind.CONVERTED if since_1970 else NoteKind.ASSUMED, text)]
-
-
-def _plainly(number: float) -> str:
-    """A number without an exponent."""
-    return f"{number:.0f}" if number >= 1000 else f"{number:g}"
 
 
 def _start_notes(color: Stream) -> list[Note]:

@@ -70,7 +70,7 @@ def within(root: Path, name: str, where: str) -> Path:
     """
     base = os.path.normpath(root)
     try:
-        path = os.path.normpath(os.path.join(base, name))  # noqa: PTH118 (Path keeps "..", this takes them out)
+        path = os.path.normpath(root / name)  # takes ".." out, which Path keeps
         if os.path.commonpath((base, path)) != base:
             raise InputError(
                 f"{where} points outside the sequence: {shown(name)}; copy the files into {shown(root)} instead"

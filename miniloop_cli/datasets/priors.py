@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.datasets.accelerometer import read_accelerometer, verticals
+from miniloop_cli.datasets.accelerometer import read_accelerometer
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.interpolation import associate
-from miniloop_cli.scene.priors import Accelerometer, Priors
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.typing import Bools
 
 LOG = logging.getLogger("miniloop")
@@ -26,9 +26,9 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
     """
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
     accelerometer = T = None
+    notes: tuple[Note, ...] = ()
     if gravity is not None:
-        read_s, readings = read_accelerometer(gravity)
-        accelerometer = Accelerometer(read_s, readings, verticals(read_s, readings, stamps), shown(Path(gravity)))
+        accelerometer, notes = read_accelerometer(gravity, stamps)
         _require(np.all(np.isfinite(accelerometer.up), axis=1), gravity, "readings")
     if poses is not None:
         rough = read_trajectory(poses, stamps, lambda: {"frames of the recording": stamps})
@@ -36,7 +36,7 @@ def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Pa
         T, near = associate(stamps, rough)
         T = np.where(near[:, None, None], T, np.nan)
         _require(near, poses, "poses")
-    return Priors(accelerometer, T)
+    return Priors(accelerometer, T, notes)
 
 
 def _require(known: Bools, path: Path | str, what: str) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.typing import Floats, Ints
 
 
@@ -15,17 +17,21 @@ class Unit(NamedTuple):
 
     per_s: float
     name: str
+    symbol: str
 
 
-SECONDS = Unit(1.0, "seconds")
-FRAME_NUMBERS = Unit(30.0, "frame numbers")  # at the nominal rate of these cameras
-MICROSECONDS = Unit(1e6, "microseconds")
-MILLISECONDS = Unit(1e3, "milliseconds")
-UNITS = (SECONDS, MILLISECONDS, MICROSECONDS, Unit(1e9, "nanoseconds"))
+SECONDS = Unit(1.0, "seconds", "s")
+MILLISECONDS = Unit(1e3, "milliseconds", "ms")
+MICROSECONDS = Unit(1e6, "microseconds", "us")
+UNITS = (SECONDS, MILLISECONDS, MICROSECONDS, Unit(1e9, "nanoseconds", "ns"))
+BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
+FRAME_NUMBERS = Unit(30.0, "frame numbers", "frames")  # at the nominal rate of these cameras
 
-# Intervals (s) that a recording has. The units are a factor of 1000 apart, and so are the ends: one unit fits at most.
+# Intervals (s) between images. The units are a factor of 1000 apart, and so are the ends: one unit fits at most.
 CAMERA_S = (0.008, 8.0)
-SENSOR_S = (0.0004, 0.4)  # motion capture, odometry, accelerometers
+BESIDE_S = (0.0005, 10.0)  # of what is measured beside the images; the frames' own times tell the rest
+MARGIN_S = 0.1  # by which a frame may lie outside such a file
+CLEARLY = 2.0  # how many times as many frames the right unit serves
 LONGEST_S = 3600.0  # between two images of one recording
 EPOCH_S = (9.4e8, 2.9e9)  # seconds since 1970 from 1999 to 2061
 MIXED_UP = 15.0  # whole numbers from 2 up to here apart: seconds, milliseconds and every n-th frame are all likely
@@ -35,50 +41,54 @@ MOST_PARTS = 10  # a clock that starts again more often is a table out of order
 MIN_JUMP = 3.0  # intervals that a clock jumps back when it starts again; neighbours change places by less
 
 
-def unit_of(stamps: ArrayLike, usual_s: tuple[float, float] = CAMERA_S, whole: bool = True) -> Unit | None:
-    """The unit of (n,) stamps in any order, by their median interval and magnitude; None where it cannot be told.
+def unit_of(stamps: ArrayLike, whole: bool = True) -> Unit | None:
+    """The unit of (n,) stamps of images in any order, by their median interval and magnitude; None if in doubt.
 
-    `usual_s` is the range in which the interval lies: CAMERA_S for images, SENSOR_S for what is measured faster.
     Times since 1970 are known by their magnitude. Whole numbers one apart count frames, unless they are written with
     decimals (`whole` is False).
     """
     times = np.unique(np.asarray(stamps, float))
     if not len(times):
         return SECONDS
-    largest = float(np.abs(times).max())
     if len(times) == 1:
-        return _since_1970(largest, 0.0) or SECONDS
-    interval = float(np.median(np.diff(times)))
+        return since_1970(times) or SECONDS
+    interval = apart(times)
     whole = whole and bool((times == np.floor(times)).all())
-    if epoch := _since_1970(largest, interval):
-        likely = _usual(interval, usual_s)
+    if epoch := since_1970(times):
+        likely = _camera_unit(interval)
         # Days of uptime in milliseconds are as large as seconds since 1970.
         return None if whole and epoch == SECONDS and likely not in (SECONDS, None) else epoch
-    if whole and interval < 2 and usual_s == CAMERA_S:
-        return FRAME_NUMBERS
-    if whole and 2 <= interval < MIXED_UP and usual_s == CAMERA_S:
-        return None
-    unit = _usual(interval, usual_s) or (SECONDS if interval < usual_s[0] else None)
-    if unit == MILLISECONDS and usual_s == CAMERA_S and not whole:
+    if whole and interval < MIXED_UP:
+        return FRAME_NUMBERS if interval < 2 else None
+    unit = _camera_unit(interval) or (SECONDS if interval < CAMERA_S[0] else None)
+    if unit == MILLISECONDS and not whole:
         # Scans that a hand takes now and then are seconds apart, and unevenly.
         even = float((np.abs(np.diff(times) - interval) <= 0.3 * interval).mean()) > 0.7
         return unit if even and interval >= MIXED_UP else None
     return unit
 
 
-def unit_beside(stamps: ArrayLike, first_s: float, last_s: float) -> Unit | None:
-    """The unit in which (n,) stamps lie at the times of a recording from `first_s` to `last_s`; None if none does.
+def units_at(stamps: Floats, frames_s: Floats) -> list[Unit]:
+    """The units in which (n,) sorted stamps of a file beside the images lie at the times (m,) of some frames."""
+    ends_s = [(unit, stamps[0] / unit.per_s - MARGIN_S, stamps[-1] / unit.per_s + MARGIN_S) for unit in UNITS]
+    return [unit for unit, first, last in ends_s if ((frames_s >= first) & (frames_s <= last)).any()]
 
-    For files beside the images, which are on the same clock: their own interval need not be known.
+
+def units_beside(stamps: Floats, frames_s: Floats, served: Callable[[Floats], int]) -> list[Unit]:
+    """The units that (n,) sorted stamps of a file beside the images may have, the likeliest first.
+
+    It is one where it is clear, and none where in no unit they lie at the times (m,) of frames. `served`: how many
+    frames stamps in seconds serve.
     """
-    times = np.asarray(stamps, float)
-    if not len(times):
-        return None
-    fitting = [u for u in UNITS if times.min() / u.per_s <= last_s and times.max() / u.per_s >= first_s]
-    if len(fitting) < 2:
-        return fitting[0] if fitting else None
-    spans = [abs(np.log(max(np.ptp(times) / u.per_s, 1e-9) / max(last_s - first_s, 1e-9))) for u in fitting]
-    return fitting[int(np.argmin(spans))]
+    found, interval = units_at(stamps, frames_s), apart(stamps)
+    usual = [u for u in found if len(stamps) < 2 or BESIDE_S[0] <= interval / u.per_s <= BESIDE_S[1]]
+    if not usual and SECONDS in found and interval > BESIDE_S[1]:
+        return [SECONDS]  # they are far apart
+    if len(usual) < 2:
+        return usual
+    counts = {unit: served(in_seconds(stamps, unit)) for unit in usual}
+    first, second, *_ = usual = sorted(usual, key=lambda unit: -counts[unit])
+    return usual[:1] if counts[first] and counts[first] >= CLEARLY * counts[second] else usual
 
 
 def apart(stamps: ArrayLike) -> float:
@@ -119,11 +129,13 @@ def clock_starts(stamps: ArrayLike) -> Ints:
     return starts if mixed else none
 
 
-def _usual(interval: float, usual_s: tuple[float, float]) -> Unit | None:
-    return next((unit for unit in UNITS if usual_s[0] <= interval / unit.per_s < usual_s[1]), None)
+def _camera_unit(interval: float) -> Unit | None:
+    return next((unit for unit in UNITS if CAMERA_S[0] <= interval / unit.per_s < CAMERA_S[1]), None)
 
 
-def _since_1970(largest: float, interval: float) -> Unit | None:
+def since_1970(stamps: ArrayLike) -> Unit | None:
+    """The unit in which (n,) stamps are times since 1970, by their magnitude; None if they are no such times."""
+    largest, interval = float(np.abs(np.asarray(stamps, float)).max()), apart(stamps)
     return next(
         (u for u in UNITS if EPOCH_S[0] <= largest / u.per_s < EPOCH_S[1] and interval / u.per_s < LONGEST_S), None
     )
@@ -132,3 +144,20 @@ def _since_1970(largest: float, interval: float) -> Unit | None:
 def in_seconds(stamps: ArrayLike, unit: Unit) -> Floats:
     """(n,) stamps in seconds."""
     return np.asarray(stamps, float) / unit.per_s
+
+
+def unit_notes(where: str, stamps: Floats, unit: Unit) -> list[Note]:
+    """How (n,) stamps of the table or folder `where` that are not in seconds were understood."""
+    if unit == SECONDS:
+        return []
+    if unit == FRAME_NUMBERS:
+        text = f"the stamps of {where} are frame numbers: {unit.per_s:g} frames a second are assumed"
+        return [Note(NoteKind.ASSUMED, text)]
+    dated = EPOCH_S[0] <= float(np.abs(stamps).max()) / unit.per_s < EPOCH_S[1]
+    text = f"the stamps of {where} are {_plainly(apart(stamps))} apart: taken as {unit.name} and converted to seconds"
+    return [Note(NoteKind.CONVERTED if dated else NoteKind.ASSUMED, text)]
+
+
+def _plainly(number: float) -> str:
+    """A number without an exponent."""
+    return f"{number:.0f}" if number >= 1000 else f"{number:g}"

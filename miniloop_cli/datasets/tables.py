@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterator
@@ -11,9 +10,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from miniloop_cli.datasets.file_names import date_s
 from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.paths import list_files, read_lines, shown, within
+from miniloop_cli.datasets.stamp_text import parse_stamp
 from miniloop_cli.datasets.stamps import clock_starts, lost_digits, unit_of
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.errors import InputError
@@ -26,7 +25,6 @@ STAMP = re.compile(r"[\"']?([^\s,;\"']+)[\"']?" + SEPARATOR + r"(\S.*)")
 DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)(?=[\s;])")
 ABSOLUTE = re.compile(r"/|[A-Za-z]:/")
 TITLES = re.compile(r"[\"']?(time|stamp|frame|index|id\b|t\b)", re.IGNORECASE)
-LARGEST = 1e19  # nanoseconds since 1970 are below
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[
     Raises InputError as `read_table`.
     """
     paths = [files.find(row.place, row.rest) for row in rows]
-    values = np.array([_number(row.stamp, row.place) for row in rows], float)
+    values = np.array([parse_stamp(row.stamp, row.place) for row in rows], float)
     notes = _file_notes(root, name, rows, files)
     if kept is None:
         kept = _once(rows, values, paths)
@@ -214,18 +212,3 @@ def _held(root: Path, files: FileFinder) -> str:
             found, _ = list_files(root, folder, ("",))
             return f"{folder}/ holds {len(found)} files" + (f", such as {shown(found[0].name)}" if found else "")
     return f"there is no folder {' or '.join(files.folders) or 'for them'} in {shown(root)}"
-
-
-def _number(text: str, place: str) -> float:
-    """A finite stamp in any unit. Raises InputError naming `place`."""
-    try:
-        value = float(text)
-    except ValueError:
-        if (date := date_s(text)) is not None:
-            return date
-        raise InputError(f"{place}: expected a timestamp in seconds, found '{shown(text[:40])}'") from None
-    if not math.isfinite(value):
-        raise InputError(f"{place}: the timestamp is {text[:40]}; remove the row")
-    if abs(value) > LARGEST:
-        raise InputError(f"{place}: the timestamp {text[:40]} is too large even for nanoseconds")
-    return value

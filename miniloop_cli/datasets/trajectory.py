@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.trajectory_formats import read_pose_file
-from miniloop_cli.datasets.trajectory_stamps import Numbered, in_seconds
+from miniloop_cli.datasets.trajectory_stamps import Numbered, to_trajectory
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Trajectory
@@ -30,7 +30,7 @@ def read_trajectory(path: Path | str, frames_s: Floats | None = None, numbered: 
     `numbered`: gives the stamps of the frames by number, for formats without stamps.
     Raises InputError naming file and line for what is malformed, and for what could mean more than one thing.
     """
-    return in_seconds(read_pose_file(Path(path)), frames_s, numbered)
+    return to_trajectory(read_pose_file(Path(path)), frames_s, numbered)
 
 
 def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:

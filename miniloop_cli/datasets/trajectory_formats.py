@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets.stamps import Unit
 from miniloop_cli.datasets.trajectory_header import Columns, find_columns
 from miniloop_cli.datasets.trajectory_text import Table, Text, may_have_decimal_commas, parse, read_text
 from miniloop_cli.errors import InputError
@@ -37,7 +38,7 @@ class PoseFile:
     T_world_cam: Floats  # (n, 4, 4), metres
     lines: Ints  # (n,) line in the file
     stamps: Floats | None  # (n,) in a unit that may be unknown; None in formats that have none
-    time_unit: str | None = None  # of the stamps, where the file states it
+    time_unit: Unit | None = None  # of the stamps, where the file states it
     numbers: Ints | None = None  # (n,) frame numbers, where the file states them
 
     def where(self, row: int) -> str:
@@ -96,7 +97,7 @@ def _named(table: Table, columns: Columns, words: list[str]) -> PoseFile:
 
 
 def _stamped(
-    table: Table, stamps: Floats, position_m: Floats, q: Floats, time_unit: str | None, words: tuple[str, ...]
+    table: Table, stamps: Floats, position_m: Floats, q: Floats, time_unit: Unit | None, words: tuple[str, ...]
 ) -> PoseFile:
     length = np.hypot(np.hypot(q[:, 0], q[:, 1]), np.hypot(q[:, 2], q[:, 3]))  # overflows for no finite number
     if (bad := np.abs(length - 1) > UNIT_QUATERNION).any():

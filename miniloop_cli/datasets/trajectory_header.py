@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.stamps import BY_SYMBOL, Unit
 from miniloop_cli.errors import InputError
 
 STAMP = re.compile(r"(?:.*_)?(?:timestamps?|time|stamp|t|sec|secs|seconds)")
@@ -27,7 +28,7 @@ class Columns:
     stamp: int
     position: tuple[int, int, int]
     quaternion: tuple[int, int, int, int]  # x y z w
-    time_unit: str | None
+    time_unit: Unit | None
     length_unit: str | None
     tool: str  # "EuRoC CSV", or what the names are like
 
@@ -135,7 +136,7 @@ def _role(stem: str) -> str | None:
     return "stamp" if STAMP.fullmatch(stem) else None
 
 
-def _units(names: list[tuple[str, str]], roles: dict[str, int], line: str, file: str) -> tuple[str | None, str | None]:
+def _units(names: list[tuple[str, str]], roles: dict[str, int], line: str, file: str) -> tuple[Unit | None, str | None]:
     lengths = {names[roles[axis]][1] for axis in "xyz"} - {""}
     time = names[roles["stamp"]][1]
     # "(s, m, camera to world)" at the end of the line, as miniloop's own files have it.
@@ -150,4 +151,4 @@ def _units(names: list[tuple[str, str]], roles: dict[str, int], line: str, file:
         if unit and unit not in known:
             expected = ", ".join(dict.fromkeys(known.values()))
             raise InputError(f"{file}: the header's unit '{shown(unit[:20])}' is unknown; expected {expected}")
-    return (TIME_UNITS[time] if time else None), length
+    return (BY_SYMBOL[TIME_UNITS[time]] if time else None), length

@@ -6,18 +6,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from miniloop_cli.datasets.stamps import EPOCH_S, SECONDS, UNITS, Unit, in_seconds, since_1970, units_at, units_beside
 from miniloop_cli.datasets.trajectory_formats import PoseFile
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.interpolation import associate
 from miniloop_cli.scene.sequence import Trajectory
-from miniloop_cli.typing import Bools, Floats, Ints
+from miniloop_cli.typing import Floats, Ints
 
-PER_S = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 MAX_STAMP_S = 1e12
-SINCE_1970_S = (1e8, 1e10)  # 1973 to 2286
-INTERVAL_S = (0.0005, 10.0)  # between poses of one trajectory
-CLEARLY = 2.0  # how many times as many frames the right unit serves
-MARGIN_S = 0.1
 EQUAL_SHARE = 0.05  # more stamps that repeat others have lost digits
 UNSORTED_SHARE = 0.2
 LATE = 3.0  # median steps by which a row may stand late
@@ -27,7 +23,7 @@ SAME_RHYTHM_S = 0.002
 Numbered = Callable[[], Mapping[str, Floats]]
 
 
-def in_seconds(file: PoseFile, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
+def to_trajectory(file: PoseFile, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
     """The poses by time, in seconds on the clock of the frames.
 
     `frames_s`: (m,) sorted stamps of the frames that the poses are for: the unit of the file's stamps is the one that
@@ -39,17 +35,18 @@ def in_seconds(file: PoseFile, frames_s: Floats | None = None, numbered: Numbere
         return by_number(file, numbered())
     keep, words = _in_order(file, file.stamps)
     stamps, T = file.stamps[keep], file.T_world_cam[keep]
-    unit = file.time_unit or _unit_by_size(stamps)
+    unit = _unit_alone(file, stamps)
     if frames_s is not None and len(frames_s):
         if counts_rows(stamps) and file.time_unit is None:
             return _by_counter(file, stamps, T, frames_s, numbered(), words)
-        unit = _unit_beside(file, stamps, T, frames_s) or ""
-        if not unit:
+        beside = _unit_beside(file, stamps, T, frames_s)
+        if beside is None:
             return _shifted(file, stamps, T, frames_s, numbered(), words)
-    stamps_s = stamps / PER_S[unit]
+        unit = beside
+    stamps_s = in_seconds(stamps, unit)
     if (largest := np.abs(stamps_s).max()) > MAX_STAMP_S:
         raise InputError(f"{file.name}: a stamp of {largest:.3g} s; expected s, ms, us or ns")
-    return Trajectory(stamps_s, T, ", ".join((*file.format, f"stamps in {unit}", *words)))
+    return Trajectory(stamps_s, T, ", ".join((*file.format, f"stamps in {unit.symbol}", *words)))
 
 
 def counts_rows(stamps: Floats) -> bool:
@@ -116,65 +113,54 @@ def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
     return keep, words
 
 
-def _unit_by_size(stamps: Floats) -> str:
+def _unit_alone(file: PoseFile, stamps: Floats) -> Unit:
     """Times since 1970 tell their unit; smaller ones are in seconds, as TUM has them."""
-    largest = float(np.abs(stamps).max())
-    return next((unit for unit, per_s in PER_S.items() if SINCE_1970_S[0] <= largest / per_s < SINCE_1970_S[1]), "s")
+    return file.time_unit or since_1970(stamps) or SECONDS
 
 
-def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) -> str | None:
+def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) -> Unit | None:
     """The unit that lays the stamps among those of the frames; None if none does. Raises InputError if two do."""
-    overlapping = [unit for unit in PER_S if _inside(stamps / PER_S[unit], frames_s).any()]
     if file.time_unit:
-        if file.time_unit in overlapping or not overlapping:
-            return file.time_unit if file.time_unit in overlapping else None
+        fitting = units_at(stamps, frames_s)
+        if file.time_unit in fitting or not fitting:
+            return file.time_unit if fitting else None
         raise InputError(
-            f"{file.name}: the header says {file.time_unit}, but the stamps lie at the frames' times if they are in "
-            f"{' or '.join(overlapping)}; correct the header"
+            f"{file.name}: the header says {file.time_unit.symbol}, but the stamps lie at the frames' times if they "
+            f"are in {' or '.join(unit.symbol for unit in fitting)}; correct the header"
         )
-    usual = [unit for unit in overlapping if _usual(stamps / PER_S[unit])]
-    if not usual and "s" in overlapping and np.median(np.diff(stamps)) > INTERVAL_S[1]:
-        return "s"  # poses far apart
-    if len(usual) < 2:
-        return usual[0] if usual else None
-    served = {u: int(associate(frames_s, Trajectory(stamps / PER_S[u], T))[1].sum()) for u in usual}
-    first, second, *_ = sorted(usual, key=lambda unit: -served[unit])
-    if served[first] < CLEARLY * served[second] or not served[first]:
+    units = units_beside(stamps, frames_s, lambda at_s: int(associate(frames_s, Trajectory(at_s, T))[1].sum()))
+    if len(units) > 1:
+        first, second = units[0].symbol, units[1].symbol
         raise InputError(
             f"{file.name}: stamps from {stamps[0]:.9g} to {stamps[-1]:.9g} may be in {first} or in {second}; say "
             f"so in a header: '# timestamp[{first}] tx ty tz qx qy qz qw'"
         )
-    return first
-
-
-def _inside(stamps_s: Floats, frames_s: Floats) -> Bools:
-    return np.asarray((frames_s >= stamps_s[0] - MARGIN_S) & (frames_s <= stamps_s[-1] + MARGIN_S))
-
-
-def _usual(stamps_s: Floats) -> bool:
-    return len(stamps_s) < 2 or INTERVAL_S[0] <= float(np.median(np.diff(stamps_s))) <= INTERVAL_S[1]
+    return units[0] if units else None
 
 
 def _shifted(
     file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats, numbered: Mapping[str, Floats], words: list[str]
 ) -> Trajectory:
     """Stamps of another clock: shifted where there is one pose a frame in the same rhythm, else refused."""
-    unit = file.time_unit or _unit_by_size(stamps)
-    for guess in [file.time_unit] if file.time_unit else PER_S:
+    for guess in [file.time_unit] if file.time_unit else UNITS:
         for name, stamps_s in numbered.items():
-            shift = np.asarray(stamps_s) - stamps / PER_S[guess] if len(stamps_s) == len(stamps) > 2 else np.zeros(0)
+            at_s = in_seconds(stamps, guess)
+            shift = np.asarray(stamps_s) - at_s if len(stamps_s) == len(stamps) > 2 else np.zeros(0)
             if len(shift) and np.ptp(shift) < SAME_RHYTHM_S:
-                found = f"stamps in {guess}, shifted by {shift.mean():.6f} s onto the frames ({len(shift)}: {name})"
+                found = (
+                    f"stamps in {guess.symbol}, shifted by {shift.mean():.6f} s onto the frames ({len(shift)}: {name})"
+                )
                 return Trajectory(np.asarray(stamps_s, float), T, ", ".join((*file.format, found, *words)))
-    at_s = stamps / PER_S[unit]
+    unit = _unit_alone(file, stamps)
+    at_s = in_seconds(stamps, unit)
     advice = "is it of this recording?"
-    if abs(at_s[0]) < SINCE_1970_S[0] <= frames_s[0] < SINCE_1970_S[1]:
+    if abs(at_s[0]) < EPOCH_S[0] <= frames_s[0] < EPOCH_S[1]:
         advice += (
             f" It counts from a start of its own: add the frames' clock at that start (near {frames_s[0]:.6f}) to it"
         )
-    elif abs(frames_s[0]) < SINCE_1970_S[0] <= at_s[0] < SINCE_1970_S[1]:
+    elif abs(frames_s[0]) < EPOCH_S[0] <= at_s[0] < EPOCH_S[1]:
         advice += " The frames have no such clock: subtract the time of the first frame"
     raise InputError(
-        f"{file.name}: no poses at the times of the frames (stamps {at_s[0]:.3f} to {at_s[-1]:.3f} {unit} against "
+        f"{file.name}: no poses at the times of the frames (stamps {at_s[0]:.3f} to {at_s[-1]:.3f} s against "
         f"{frames_s[0]:.3f} to {frames_s[-1]:.3f} s); {advice}"
     )

@@ -5,7 +5,7 @@ In Python, numba would widen them to 64 bits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -16,15 +16,18 @@ WORDS = 8  # of 32 bits
 COUNTING = "+avx512vpopcntdq"  # processors that count bits in wide registers, in half the time that adders take
 
 
-@intrinsic
-def set_bits(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
-    """Set bits of eight uint32, as a uint32; for compiled code."""
+def _set_bits(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
+    """The type and the instructions of `set_bits`, for numba, which puts its own first argument before the words."""
 
     def generate(context: Any, builder: Any, _: Any, words: Any) -> Any:
         _, _, features = context.codegen().magic_tuple()
         return (by_counting if COUNTING in features else by_adders)(builder, words)
 
     return types.uint32(*[types.uint32] * WORDS), generate
+
+
+set_bits: Callable[..., Any] = intrinsic(_set_bits)
+"""Set bits of eight uint32, as a uint32; for compiled code."""
 
 
 def by_counting(builder: Any, words: Sequence[Any]) -> Any:

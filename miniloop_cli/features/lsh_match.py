@@ -75,7 +75,7 @@ def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _differing(row: Bits, block: Bits, k: int) -> np.uint32:
     """Bits in which a sketch differs from the k-th of a block."""
-    return set_bits(  # type: ignore[call-arg]  # numba adds the first argument
+    return set_bits(
         np.uint32(row[0] ^ block[0, k]),
         np.uint32(row[1] ^ block[1, k]),
         np.uint32(row[2] ^ block[2, k]),

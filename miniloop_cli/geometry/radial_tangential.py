@@ -27,9 +27,8 @@ def distort(xy: Floats, c: Coefficients) -> Floats:
     x, y = xy.T
     p1, p2 = c[2:4]
     s = x * x + y * y
-    numerator, denominator = polynomials(c)
     with np.errstate(all="ignore"):
-        g = numerator(s) / denominator(s)
+        g, _ = _growth(s, c)
         bent_x = x * g + 2 * p1 * x * y + p2 * (s + 2 * x * x)
         bent = np.stack([bent_x, y * g + p1 * (s + 2 * y * y) + 2 * p2 * x * y], 1)
     bent[~(s <= limit(c)[0] ** 2)] = np.nan
@@ -40,15 +39,19 @@ def jacobian(xy: Floats, c: Coefficients) -> Floats:
     """(n, 2, 2) derivative of `distort` at (n, 2) ideal points; it is symmetric."""
     x, y = xy.T
     p1, p2 = c[2:4]
-    s = x * x + y * y
-    numerator, denominator = polynomials(c)
     with np.errstate(all="ignore"):
-        g = numerator(s) / denominator(s)
-        g_s = (numerator.deriv()(s) - g * denominator.deriv()(s)) / denominator(s)
+        g, g_s = _growth(x * x + y * y, c)
         xx = g + 2 * x * x * g_s + 2 * p1 * y + 6 * p2 * x
         across = 2 * x * y * g_s + 2 * p1 * x + 2 * p2 * y
         yy = g + 2 * y * y * g_s + 6 * p1 * y + 2 * p2 * x
     return np.stack([np.stack([xx, across], 1), np.stack([across, yy], 1)], 1)
+
+
+def _growth(s: Floats, c: Coefficients) -> tuple[Floats, Floats]:
+    """g and its derivative at (n,) s."""
+    numerator, denominator = polynomials(c)
+    g = numerator(s) / denominator(s)
+    return g, (numerator.deriv()(s) - g * denominator.deriv()(s)) / denominator(s)
 
 
 def limit(c: Coefficients) -> tuple[float, float]:

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 GOOD_SHARE, FAILED_SHARE = 0.95, 0.5  # of the frames
 LOOSE_DEG, LOOSE_M = 2.0, 0.05  # a median disagreement beyond this makes every pose doubtful
 CONTRADICTING_DEG, CONTRADICTING_M = 10.0, 0.25  # a verified edge farther off is false, or the poses are
+DOUBTFUL_NOTES = {
+    NoteKind.CONTRADICTED: "the recording contradicts what was assumed about it",
+    NoteKind.MOST_DROPPED: "most images of the recording are not used",
+}
 CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
 
 
@@ -58,12 +62,7 @@ def assess_run(run: Registration) -> Assessment:
     stamps_s = np.array([frame.timestamp_s for frame in run.sequence.frames])
     nowhere = Path("of this run")
     columns = edge_columns(edges, nowhere), frame_columns(frames, nowhere, stamps_s)
-    return judge(RunColumns(*columns, run.notes, contradicted(run)))
-
-
-def contradicted(run: Registration) -> list[str]:
-    """What was assumed of the recording though it speaks against it, in the words of its reader."""
-    return [note.text for note in run.sequence.notes if note.kind == NoteKind.CONTRADICTED]
+    return judge(RunColumns(*columns, run.notes))
 
 
 def judge(data: RunColumns, evaluation: Evaluation | None = None) -> Assessment:
@@ -93,8 +92,9 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
     edges, doubts = data.edges, []
     if _contradicted(evaluation):
         doubts.append("the ground truth contradicts the poses")
-    if data.contradicted:
-        doubts += ["the recording contradicts what was assumed about it", *data.contradicted]
+    for kind, doubt in DOUBTFUL_NOTES.items():
+        if texts := data.noted(kind):
+            doubts += [doubt, *texts]
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
     off = edges.worst_first[_far_off(edges)[edges.worst_first]]

@@ -13,11 +13,13 @@ import numpy as np
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.results.folder import Results, column
+from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
 
 Rows = Sequence[dict[str, str]]
+KINDS = tuple(NoteKind)
 
 
 @dataclass(frozen=True)
@@ -84,16 +86,15 @@ class Frames:
 
 @dataclass(frozen=True)
 class RunColumns:
-    """A run as its tables tell of it.
-
-    `prior_notes`: what became of gravity and of a pose prior; `contradicted`: what was assumed of the recording though
-    it speaks against it.
-    """
+    """A run as its tables tell of it, and the notes on its recording and on what is known beside the images."""
 
     edges: Edges
     frames: Frames
-    prior_notes: Sequence[str] = ()
-    contradicted: Sequence[str] = ()
+    notes: Sequence[Note] = ()
+
+    def noted(self, kind: NoteKind) -> list[str]:
+        """The notes of one kind."""
+        return [note.text for note in self.notes if note.kind == kind]
 
 
 @dataclass(frozen=True)
@@ -117,12 +118,14 @@ class ReportData:
     @property
     def columns(self) -> RunColumns:
         """What the tables tell."""
-        return RunColumns(self.edges, self.frames, self._sentences("prior_notes"), self._sentences("contradicted"))
+        return RunColumns(self.edges, self.frames, self._notes())
 
-    def _sentences(self, key: str) -> list[str]:
-        """A list of the summary, without what is no sentence in it: others may have changed the file."""
-        notes = self.summary.get(key)
-        return [note for note in notes if isinstance(note, str) and note] if isinstance(notes, list) else []
+    def _notes(self) -> list[Note]:
+        """The notes of the summary, without what is none in it: others may have changed the file."""
+        found = self.summary.get("notes")
+        rows = [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
+        pairs = [(row.get("kind"), row.get("text")) for row in rows]
+        return [Note(NoteKind(kind), text) for kind, text in pairs if kind in KINDS and isinstance(text, str) and text]
 
     def text(self, name: str, limit: int = 20_000) -> str:
         """The end of a text file of the folder, "" without it."""

@@ -9,6 +9,7 @@ import numpy as np
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.results.columns import RunColumns
 from miniloop_cli.scene.frame_status import FrameStatus
+from miniloop_cli.scene.sequence import NoteKind
 from miniloop_cli.typing import Ints
 
 
@@ -35,7 +36,7 @@ def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
             f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
             f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
         )
-    said += [f"{note[0].upper()}{note[1:]}." for note in data.prior_notes]
+    said += [f"{text[0].upper()}{text[1:]}." for text in data.noted(NoteKind.PRIOR)]
     said += [
         f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
         for reason, lost in left_out(data)[:3]

@@ -36,7 +36,7 @@ def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[st
         f"camera: {camera.source}",
         f"  fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}, {camera.width} x {camera.height},"
         f" {camera.depth_scale:g} units a metre, lens {camera.lens}",
-        *(f"note: {note}" for note in sequence.notes),
+        *(f"note: {note}" for note in run.notes),
         f"seed: {run.seed}",
         "",
         "settings:",

@@ -6,7 +6,7 @@ import json
 import platform
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
-from miniloop_cli.results.assessment import assess_run, contradicted
+from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
@@ -67,15 +67,11 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
 def summary(run: Registration) -> dict[str, Any]:
     """The run in numbers, JSON-able.
 
-    `cycles`: edges covered by each solver, as in the paper's table; `verdict`: how far the run can be trusted.
+    `cycles`: edges by what found them, as in the paper's table; `verdict`: how far the run can be trusted.
     """
     assessment = assess_run(run)
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
-    solvers = Counter(run.edges.solver.tolist())
     verdicts = Counter(Verdict(int(number)).label for number in run.edges.verdict)
-    covered = {str(n): solvers.get(f"cycle{n}", 0) for n in range(max(run.settings.cycles.longest, 5), 2, -1)}
-    covered |= {"pairwise": solvers.get("pairwise", 0)}
-    covered |= {name: count for name, count in sorted(solvers.items()) if name.startswith("planar")}
     return {
         "sequence": run.sequence.name,
         "recording": str(run.sequence.root),
@@ -87,7 +83,7 @@ def summary(run: Registration) -> dict[str, Any]:
         "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
         "edges": int(run.edges.verified.sum()),
         "verdicts": dict(sorted(verdicts.items())),
-        "cycles": covered,
+        "cycles": pairs_by_solver(run.edges.solver.tolist(), run.settings.cycles.longest),
         "camera": run.sequence.camera.source,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
@@ -96,13 +92,19 @@ def summary(run: Registration) -> dict[str, Any]:
             "headline": assessment.headline,
             "reasons": list(assessment.reasons),
         },
-        "notes": [*map(str, run.sequence.notes), *run.notes],
-        "prior_notes": list(run.notes),
-        "contradicted": contradicted(run),
+        "notes": [{"kind": note.kind.value, "text": note.text} for note in run.notes],
         "timings_s": run.timings_s,
         "seed": run.seed,
         "versions": versions(),
     }
+
+
+def pairs_by_solver(solvers: Iterable[str], longest: int) -> dict[str, int]:
+    """How many pairs each solver treated: cycles from the longest on, pairs, and whatever else made any."""
+    counts = Counter(solvers)
+    known = {str(n): f"cycle{n}" for n in range(max(longest, 5), 2, -1)} | {"pairwise": "pairwise"}
+    others = {name: name for name in sorted(counts) if name not in known.values()}
+    return {label: counts[name] for label, name in (known | others).items()}
 
 
 def versions() -> dict[str, str]:

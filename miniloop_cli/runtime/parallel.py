@@ -14,13 +14,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import Protocol, TypeVar
 
-import scipy.linalg  # noqa: F401  its BLAS is another than numpy's, and must be loaded to be held at one thread
 from joblib import effective_n_jobs
 from threadpoolctl import OpenBLASController, threadpool_limits
 
 from miniloop_cli.runtime.progress import track
+
+import_module("scipy.linalg")  # its BLAS is another than numpy's, and must be loaded to be held at one thread
 
 ROOM_BYTES = 128 << 20
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from miniloop_cli.scene.sequence import Note
 from miniloop_cli.typing import Floats
 
 
@@ -45,8 +46,9 @@ class Vertical:
 class Priors:
     """Of n frames: what an accelerometer read, and rough poses `T_world_cam` (n, 4, 4); None where not given.
 
-    Rows of frames of which nothing is known are NaN.
+    Rows of frames of which nothing is known are NaN. `notes`: what was converted when they were read.
     """
 
     accelerometer: Accelerometer | None = None
     T_world_cam: Floats | None = None
+    notes: tuple[Note, ...] = ()

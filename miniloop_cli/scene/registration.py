@@ -9,7 +9,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.poses import Poses
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats
 
@@ -30,7 +30,7 @@ class Registration:
     """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
 
     `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
-    `notes`: what became of gravity and of a pose prior.
+    `notes`: those of the recording, and what became of gravity and of a pose prior.
     """
 
     sequence: Sequence
@@ -43,4 +43,4 @@ class Registration:
     timing: Timing
     timings_s: dict[str, float] = field(default_factory=dict)
     cpu_timings_s: dict[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()

@@ -45,14 +45,16 @@ class Scan:
 
 
 class NoteKind(StrEnum):
-    """What a reader did with a recording that its user did not ask for."""
+    """What was done with a recording, or with what is known beside its images, that its user did not ask for."""
 
     DROPPED = "dropped"  # files or rows that are not used
+    MOST_DROPPED = "most dropped"  # most images are not used: the result is doubtful
     ASSUMED = "assumed"  # what nothing states
     CONTRADICTED = "contradicted"  # assumed, and the recording speaks against it: the result is doubtful
     PAIRED = "paired"  # how images found their partners
     CONVERTED = "converted"  # from other units or formats
     UNUSED = "unused"  # what lies beside the images and is not read
+    PRIOR = "prior"  # what became of gravity and of a pose prior
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,15 @@ class Note:
     @property
     def doubtful(self) -> bool:
         """Whether the user should see it unasked: something is missing from the result, or may be wrong."""
-        return self.kind in (NoteKind.DROPPED, NoteKind.ASSUMED, NoteKind.CONTRADICTED)
+        return self.kind in (NoteKind.DROPPED, NoteKind.MOST_DROPPED, NoteKind.ASSUMED, NoteKind.CONTRADICTED)
 
     def __str__(self) -> str:
         return self.text
+
+
+def dropped_images(text: str, left: int, total: int) -> Note:
+    """The note that `left` of `total` images are not used; `text` says why."""
+    return Note(NoteKind.MOST_DROPPED if 2 * left > total else NoteKind.DROPPED, text)
 
 
 @dataclass(frozen=True)

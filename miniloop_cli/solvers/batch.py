@@ -74,14 +74,19 @@ def minimal_solver(
     return lambda core: MinimalSolver(core, matches, solutions, nearly_real)
 
 
+def solve(*arguments: object) -> int:
+    """The name under which the loops below call a solver: `_loop_over` puts each solver's mathematics in its place."""
+    raise NotImplementedError
+
+
 def _solve_all(p: Floats, q: Floats, T: Floats, counts: Ints) -> None:
     for i in range(p.shape[0]):
-        counts[i] = solve(p[i], q[i], T[i])  # type: ignore[name-defined]  # noqa: F821
+        counts[i] = solve(p[i], q[i], T[i])
 
 
 def _solve_all_within(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real: float) -> None:
     for i in range(p.shape[0]):
-        counts[i] = solve(p[i], q[i], T[i], nearly_real)  # type: ignore[name-defined]  # noqa: F821
+        counts[i] = solve(p[i], q[i], T[i], nearly_real)
 
 
 def _loop_over(core: Callable[..., int], loop: Callable[..., None]) -> FunctionType:

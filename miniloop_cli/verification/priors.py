@@ -10,6 +10,7 @@ from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import Matches, ScanPoints
 from miniloop_cli.scene.priors import Priors, Vertical
+from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.verification.gravity import checked, with_gravity
 from miniloop_cli.verification.pose_prior import reject_by_pose_prior
@@ -25,7 +26,7 @@ def apply_priors(
     settings: Settings,
     seed: int,
     workers: Workers,
-) -> tuple[EdgeTable, Vertical | None, tuple[str, ...]]:
+) -> tuple[EdgeTable, Vertical | None, tuple[Note, ...]]:
     """The edges after gravity and a pose prior, where they were given; the vertical; and what is to be said of it.
 
     Raises InputError for an accelerometer or for a pose prior that most edges contradict.
@@ -44,4 +45,4 @@ def apply_priors(
         against = int((edges.rejection == Rejection.CONTRADICTS_POSE_PRIOR).sum())
         notes.append(f"pose prior is used: {against} edges contradict it")
         LOG.info("%s", notes[-1])
-    return edges, vertical, tuple(notes)
+    return edges, vertical, tuple(Note(NoteKind.PRIOR, text) for text in notes)

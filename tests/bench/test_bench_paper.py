@@ -17,14 +17,9 @@ from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.registration import RegistrationError
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 FRAMES = 10
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="module")

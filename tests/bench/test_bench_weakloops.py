@@ -19,12 +19,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.parallel import Workers
 
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 @pytest.fixture(scope="module")

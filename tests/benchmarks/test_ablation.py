@@ -16,6 +16,8 @@ from miniloop_cli.presets import load_settings
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.stages.artifacts import EDGES, FEATURES
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 LENS = (0.26, -0.95, 0.0, 0.0, 1.16)
 NAMES = ["ROS camera", "pairwise only", "averaging only"]
 
@@ -24,13 +26,6 @@ NAMES = ["ROS camera", "pairwise only", "averaging only"]
 def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("ablation")
     return simulate(root / "sim", frames=8, width=320, height=240, path="xyz", distortion=LENS)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,14 @@ from click.testing import CliRunner
 from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import simulate
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 KINDS = [
     f"{when}_{name}_{kind}"
     for when in ("before", "after")
     for name in ("deg", "cm")
     for kind in ("mean", "median", "p95")
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="module")

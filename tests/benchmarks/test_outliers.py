@@ -18,14 +18,8 @@ from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.registration import RegistrationError
 from miniloop_cli.scene.verdict import Verdict
 
-pytestmark = pytest.mark.slow  # the graph that they begin with is a recording registered
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+# The graph that they begin with is a recording registered.
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_cache")]
 
 
 @pytest.fixture(scope="module")

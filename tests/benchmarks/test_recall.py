@@ -9,10 +9,11 @@ from click.testing import CliRunner
 from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import simulate
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 
 @pytest.mark.slow
-def test_rows_and_files(tmp_path, monkeypatch):
-    monkeypatch.setenv("MINILOOP_CACHE", str(tmp_path / "cache"))
+def test_rows_and_files(tmp_path):
     folder = simulate(tmp_path / "sim", frames=14, width=320, height=240, path="loop")
     command = ["recall", str(folder), "-o", str(tmp_path / "out"), "--json", "-", "-q", "-j", "1"]
     result = CliRunner().invoke(benchmarks, command, catch_exceptions=False)

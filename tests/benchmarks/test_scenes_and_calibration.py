@@ -16,12 +16,7 @@ from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.simulate import true_trajectory
 
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MINILOOP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def random_poses(rng, count):

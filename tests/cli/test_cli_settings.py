@@ -96,6 +96,12 @@ def test_names_of_release_0_1_are_accepted_and_answered_with_the_new_name(tmp_pa
     assert any("'matching.all_up_to' is called 'matching.exhaustive_max_scans' now" in line for line in told)
 
 
+def test_both_names_of_the_pose_prior_are_wrong_usage(tmp_path):
+    done = launch("register", tmp_path, "--init", tmp_path / "a.txt", "--pose-prior", tmp_path / "b.txt")
+    assert done.returncode == 2
+    assert "--init is the old name of --pose-prior" in done.stderr
+
+
 def test_every_new_name_exists():
     sections = set(Settings.model_fields)
     assert set(RENAMED.values()) - sections <= set(keys()) | {"rough.min_bridge_inliers"}

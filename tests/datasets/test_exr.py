@@ -30,6 +30,15 @@ def test_the_channel_that_is_depth(tmp_path, channels):
     np.testing.assert_array_equal(decode(data), DEPTH)
 
 
+def test_a_window_of_too_many_pixels_is_refused_before_it_is_read(tmp_path):
+    data = write_exr(tmp_path / "a.exr", Z=DEPTH).read_bytes()
+    at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    wide = data[:at] + np.array([0, 0, 10**5 - 1, 10**5 - 1], "<i4").tobytes() + data[at + 16 :]
+    for read in (decode, lambda data: read_header(io.BytesIO(data))):
+        with pytest.raises(InputError, match=r"100000 x 100000 pixels are more than the 40 megapixels allowed"):
+            read(wide)
+
+
 def test_half_precision_and_whole_numbers(tmp_path):
     for stored in (DEPTH.astype(np.float16), np.round(1000 * DEPTH).astype(np.uint32)):
         found = decode(write_exr(tmp_path / "a.exr", Z=stored).read_bytes())

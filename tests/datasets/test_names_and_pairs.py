@@ -163,6 +163,19 @@ def test_a_preview_beside_each_depth_image_is_refused_by_name(tiny):
         open_sequence(tiny.root)
 
 
+@pytest.mark.parametrize("name", [lambda k: f"{k:04d}", lambda k: f"{TIMES_S[k]:.6f}"], ids=["numbers", "times"])
+@pytest.mark.parametrize(("removed", "kind"), [(6, NoteKind.DROPPED), (7, NoteKind.MOST_DROPPED)])
+def test_a_recording_that_is_used_for_its_smaller_part_is_told_apart(tiny, name, removed, kind):
+    """Of ten colour images so many have no depth: of 14 images in all, 6 are not used; of 13, it is 7."""
+    record(tiny, name)
+    for k in range(1, 1 + removed):
+        (tiny.root / f"depth/{name(k)}.png").unlink()
+    text = f"{10 - removed} pairs from 10 colour and {10 - removed} depth images"
+    for frames in (None, 2):
+        notes = open_sequence(tiny.root, max_frames=frames).notes
+        assert [note.kind for note in notes if note.text.startswith(text)] == [kind]
+
+
 def test_gaps_in_the_numbers_show_what_is_missing(tiny):
     record(tiny, lambda k: f"{k:04d}")
     for k in (3, 9):

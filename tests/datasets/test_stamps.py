@@ -6,13 +6,12 @@ import pytest
 from miniloop_cli.datasets.stamps import (
     FRAME_NUMBERS,
     SECONDS,
-    SENSOR_S,
     UNITS,
     clock_starts,
     in_seconds,
     lost_digits,
-    unit_beside,
     unit_of,
+    units_beside,
 )
 
 RNG = np.random.default_rng(0)
@@ -28,12 +27,6 @@ def test_every_unit_is_told_from_interval_and_magnitude(unit, start_s, interval_
         stamps = np.round(stamps)
     assert unit_of(RNG.permutation(stamps)) == unit
     np.testing.assert_allclose(in_seconds(stamps, unit), times_s, atol=0.0006)
-
-
-@pytest.mark.parametrize("unit", UNITS)
-def test_motion_capture_is_faster_than_images(unit):
-    times_s = 100.0 + np.cumsum(RNG.uniform(0.0098, 0.0102, 500))
-    assert unit_of(times_s * unit.per_s, SENSOR_S) == unit
 
 
 def test_whole_numbers_one_apart_count_frames():
@@ -62,9 +55,15 @@ def test_few_stamps():
 
 @pytest.mark.parametrize("unit", UNITS)
 def test_the_unit_of_a_file_beside_the_images(unit):
-    times_s = np.linspace(95, 140, 400)
-    assert unit_beside(times_s * unit.per_s, 100, 130) == unit
-    assert unit_beside(times_s + 1000, 100, 130) is None and unit_beside([], 0, 1) is None
+    times_s, frames_s = np.linspace(95, 140, 400), np.arange(100, 130, 0.1)
+
+    def near(at_s):
+        return int((np.abs(frames_s[:, None] - at_s).min(axis=1) < 0.1).sum())
+
+    assert units_beside(times_s * unit.per_s, frames_s, near) == [unit]
+    assert units_beside(times_s + 1000, frames_s, near) == []
+    # Five whole numbers apart, and frames at the start alone: no unit serves more of them.
+    assert len(units_beside(np.arange(0.0, 300, 5), np.array([0.0]), lambda at_s: 1)) == 2
 
 
 def test_lost_digits_are_told_from_a_repeated_row():

@@ -94,6 +94,14 @@ def test_further_columns_are_named(tum, row, count):
     assert said(open_sequence(tum.root), NoteKind.UNUSED) == expected
 
 
+@pytest.mark.parametrize(("rows", "kind"), [(3, NoteKind.DROPPED), (2, NoteKind.MOST_DROPPED)])
+def test_a_table_of_fewer_images_than_the_folder_holds(tum, rows, kind):
+    for name in ("rgb", "depth"):
+        lines = (tum.root / f"{name}.txt").read_text().splitlines()
+        tum.text(f"{name}.txt", "\n".join([line for line in lines if not line.startswith("#")][:rows]))
+    assert [note.kind for note in open_sequence(tum.root).notes] == [kind, kind]
+
+
 def test_an_association_may_use_a_depth_image_twice(tum):
     rows = [
         f"{t:.6f} rgb/{t:.6f}.png 10.{2 * (k // 2)}05 depth/10.{2 * (k // 2)}05000.png"

@@ -286,7 +286,8 @@ def test_frames_with_the_same_trouble_belong_together(run):
 
 def test_an_assumption_that_the_recording_contradicts_is_a_doubt(run):
     summary = json.loads((run.results / "summary.json").read_text())
-    summary["contradicted"] = ["depth_scale 1000 is assumed, its steps say 5000", 7]
+    doubt = {"kind": "contradicted", "text": "depth_scale 1000 is assumed, its steps say 5000"}
+    summary["notes"] = [doubt, {"kind": "assumed", "text": "a camera"}, 7, {"kind": ["contradicted"], "text": "no"}]
     (run.results / "summary.json").write_text(json.dumps(summary))
     verdict = judge(load(run.results).columns)
     assert verdict.level == Level.DOUBTFUL
@@ -294,10 +295,25 @@ def test_an_assumption_that_the_recording_contradicts_is_a_doubt(run):
     assert verdict.reasons[-1] == "depth_scale 1000 is assumed, its steps say 5000"
 
 
+def test_a_recording_of_which_most_images_are_dropped_is_a_doubt(run):
+    summary = json.loads((run.results / "summary.json").read_text())
+    summary["notes"] = [{"kind": "most dropped", "text": "8 pairs from 90 colour and 90 depth images"}]
+    (run.results / "summary.json").write_text(json.dumps(summary))
+    verdict = judge(load(run.results).columns)
+    assert verdict.level == Level.DOUBTFUL
+    assert verdict.reasons[-2:] == (
+        "most images of the recording are not used",
+        "8 pairs from 90 colour and 90 depth images",
+    )
+
+
 def test_what_became_of_gravity_is_told(run):
     summary = json.loads((run.results / "summary.json").read_text())
-    summary["notes"] = ["took a camera", "gravity is not used: it is far off"]
-    summary["prior_notes"] = ["gravity is not used: it is far off", 7]
+    summary["notes"] = [
+        {"kind": "assumed", "text": "took a camera"},
+        {"kind": "prior", "text": "gravity is not used: it is far off"},
+        {"kind": "prior", "text": 7},
+    ]
     (run.results / "summary.json").write_text(json.dumps(summary))
     facts = judge(load(run.results).columns).facts
     assert "Gravity is not used: it is far off." in facts

@@ -30,3 +30,15 @@ def nearest_errors(T, counts, truth):
 def core_count(solver, p, q, T):
     """Call the compiled mathematics of a solver for one sample, as other compiled code does."""
     return solver.solve(p, q, T) if solver.nearly_real is None else solver.solve(p, q, T, solver.nearly_real)
+
+
+def require_equal_entries(solver, p, q, truth):
+    """One sample at a time, by the compiled mathematics and by the batch, samples (b, k, 3) have the same solutions."""
+    T, counts = solver.solve_batch(p, q)
+    for i in range(len(p)):
+        solutions = solver(p[i], q[i])
+        assert solutions.shape == (counts[i], truth.shape[1], 4, 4)
+        np.testing.assert_array_equal(solutions, poses(T[i, : counts[i]]))
+        core = np.zeros_like(T[i])
+        assert core_count(solver, p[i], q[i], core) == counts[i]
+        np.testing.assert_allclose(core, T[i], atol=1e-9)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from solver_cases import core_count, nearest_errors, poses
+from solver_cases import core_count, nearest_errors, poses, require_equal_entries
 
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.errors import MiniloopError
@@ -327,14 +327,8 @@ def test_noise_moves_solutions_little_and_nearly_real_pairs_are_kept(solver, rng
 @solvers
 def test_entries_agree(solver, rng):
     p, q, truth = random_problems(rng, solver.matches, 20)
-    T, counts = solver.solve_batch(p, q)
+    require_equal_entries(solver, p, q, truth)
     for i in range(len(p)):
-        solutions = solver(p[i], q[i])
-        assert solutions.shape == (counts[i], truth.shape[1], 4, 4)
-        np.testing.assert_array_equal(solutions, poses(T[i, : counts[i]]))
-        core = np.zeros_like(T[i])
-        assert core_count(solver, p[i], q[i], core) == counts[i]
-        np.testing.assert_allclose(core, T[i], atol=1e-9)
         assert solver(p[i], q[i], best=True).shape == (1, truth.shape[1], 4, 4)
 
 

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from solver_cases import ALL, PLANAR, core_count, nearest_errors, poses
+from solver_cases import ALL, PLANAR, core_count, nearest_errors, poses, require_equal_entries
 
 from miniloop_cli.bench.problems import random_problems
 from miniloop_cli.errors import MiniloopError
@@ -61,14 +61,7 @@ def test_every_exact_solution_meets_every_match(solver, rng):
 @solvers
 def test_single_entry_core_and_batch_agree(solver, rng):
     p, q, truth = problems(solver, rng, 20)
-    T, counts = solver.solve_batch(p, q)
-    for i in range(len(p)):
-        solutions = solver(p[i], q[i])
-        assert solutions.shape == (counts[i], truth.shape[1], 4, 4)
-        np.testing.assert_array_equal(solutions, poses(T[i, : counts[i]]))
-        core = np.zeros_like(T[i])
-        assert core_count(solver, p[i], q[i], core) == counts[i]
-        np.testing.assert_allclose(core, T[i], atol=1e-9)
+    require_equal_entries(solver, p, q, truth)
 
 
 @solvers

@@ -8,13 +8,12 @@ from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import (
     color_size,
     given_camera,
+    poses_in_files,
     read_matrix,
-    trajectory_of,
-    usable_pose,
 )
 from miniloop_cli.datasets.pairing import pair
 from miniloop_cli.datasets.paths import DEPTH_SUFFIXES, IMAGE_SUFFIXES, shown
-from miniloop_cli.datasets.stream import named_stream, stamped_files
+from miniloop_cli.datasets.stream import named_stream
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import DepthFormat, Frame, Sequence, Trajectory
@@ -41,9 +40,7 @@ class ScanNet:
         """The poses of pose/, camera to world; ScanNet marks frames where tracking was lost by infinity."""
         if sequence.ground_truth_path is None:
             return None
-        files = stamped_files(sequence.root, "pose", (".txt",))
-        poses = {stamp: usable_pose(read_matrix(path, (4, 4)), shown(path)) for stamp, path in files.items()}
-        return trajectory_of(poses, shown(sequence.ground_truth_path))
+        return poses_in_files(sequence.root, "pose", ".txt")
 
 
 def _camera(root: Path, frames: tuple[Frame, ...]) -> Camera:

@@ -6,13 +6,10 @@ from pathlib import Path
 
 from miniloop_cli.datasets.numbered import (
     given_camera,
-    read_matrix,
-    trajectory_of,
-    usable_pose,
+    poses_in_files,
 )
 from miniloop_cli.datasets.pairing import pair
-from miniloop_cli.datasets.paths import shown
-from miniloop_cli.datasets.stream import named_stream, stamped_files
+from miniloop_cli.datasets.stream import named_stream
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 
@@ -43,6 +40,4 @@ class SevenScenes:
         """The poses of the .pose.txt files, camera to world; frames whose pose is not finite are left out."""
         if sequence.ground_truth_path is None:
             return None
-        files = stamped_files(sequence.root, ".", (".pose.txt",))
-        poses = {stamp: usable_pose(read_matrix(path, (4, 4)), shown(path)) for stamp, path in files.items()}
-        return trajectory_of(poses, shown(sequence.root))
+        return poses_in_files(sequence.root, ".", ".pose.txt")
