@@ -178,4 +178,51 @@ RECALL = Benchmark(
     options=(SEQUENCES, MAX_FRAMES, options.overrides),
 )
 
-ON_RECORDINGS = (ABLATION, EDGES, OUTLIERS, RECALL)
+WHOLE = Benchmark(
+    "whole",
+    "Whole recordings, beside ORB-SLAM3.",
+    """Every frame of a recording: poses, errors against ground truth, what it took.
+
+    SEQ: recordings with ground truth. ATE over all poses, after SE(3) alignment on positions; frame deg and cm: mean
+    relative errors of frames that follow each other in the recording; ground truth is the nearest sample within
+    20 ms. Seconds and memory are those of the whole process and of all that it starts, from image files to
+    trajectory. ORB-SLAM3 runs in its RGB-D mode, with the recording's camera and a vocabulary learned beforehand from
+    the recording's own features.
+
+    \b
+    Needs:     pip install pyorbslam3
+               Debian: libgl1 libegl1 libopengl0 libsm6 libice6 libx11-6 libxext6
+    Example:   python -m benchmarks whole path/to/freiburg1_desk --program miniloop --program orbslam3
+    """,
+    rows="benchmarks.experiments.whole:whole_rows",
+    draw="benchmarks.experiments.whole:draw",
+    heading="{sequence}",
+    columns=(
+        Column("", "{program}", "<33"),
+        Column("poses", "{poses} of {frames}", ">14"),
+        *numbers(">10", ".2f", ate_cm="ATE cm", rpe_deg="frame deg", rpe_cm="frame cm"),
+        *numbers(">9", ".1f", cpu_s="CPU s", wall_s="wall s"),
+        *numbers(">9", ".0f", peak_mb="peak MB"),
+        Column("", "  {said}", ""),
+    ),
+    options=(
+        SEQUENCES,
+        click.option(
+            "--program",
+            "programs",
+            multiple=True,
+            type=click.Choice(["miniloop", "orbslam3", "orbslam3-waits"]),
+            help="Only this program; may be repeated [default: all].",
+        ),
+        click.option(
+            "--runs",
+            type=click.Path(file_okay=False, path_type=Path),
+            default=Path("results/whole"),
+            show_default=True,
+            help="Where the programs leave their results.",
+        ),
+    ),
+    parallel=False,
+)
+
+ON_RECORDINGS = (ABLATION, EDGES, OUTLIERS, RECALL, WHOLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -122,4 +123,43 @@ SCENES = Benchmark(
     ),
 )
 
-ON_SIMULATIONS = (AVERAGING, CALIBRATION, SCENES)
+GROWTH = Benchmark(
+    "growth",
+    "Time, memory and loops of ever longer recordings.",
+    """Simulated recordings at 30 Hz, through as many rooms as fit, and back: what registering takes for each frame.
+
+    Loops: pairs of frames a second apart that see the same place, 40 % of each other's view, at least 15 s later;
+    found, those that a verified edge joins, within a second of both. Between rooms: those seen through a door.
+    Recordings are kept and used again.
+
+    \b
+    Example:   python -m benchmarks growth --frames 1000 --frames 3000
+    """,
+    rows="benchmarks.experiments.growth:growth_rows",
+    draw="benchmarks.experiments.growth:draw",
+    columns=(
+        *numbers(">8", "", "frames", "rooms", "poses"),
+        *numbers(">9", ".2f", ate_cm="ATE cm"),
+        *numbers(">9", ".1f", cpu_ms="CPU ms/f", wall_ms="wall ms/f"),
+        *numbers(">9", ".0f", peak_mb="peak MB"),
+        Column("loops", "{loops}", ">7"),
+        Column("found", "{found_share:.0%}", ">7"),
+        Column("between rooms", "{between}", ">15"),
+        Column("found", "{between_share:.0%}", ">7"),
+        Column("", "  {said}", ""),
+    ),
+    options=(
+        several("--frames", click.IntRange(min=100), (1000, 3000, 10_000), "Frames of a recording."),
+        whole("--width", 160, 320, "Width of the images (px)."),
+        click.option(
+            "--runs",
+            type=click.Path(file_okay=False, path_type=Path),
+            default=Path("results/growth"),
+            show_default=True,
+            help="Where recordings and results are kept.",
+        ),
+    ),
+    parallel=False,
+)
+
+ON_SIMULATIONS = (AVERAGING, CALIBRATION, GROWTH, SCENES)

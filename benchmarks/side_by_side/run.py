@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import os
 import subprocess
 import sys
-import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.side_by_side.measured import measure
 from benchmarks.side_by_side.sections import edge_list
 
-ROOT = Path(__file__).parents[2]
 AVERAGING = (
     ["--scans", "1000", "--edges", "5000", "--outliers", "0.05", "--peers"],
     ["--scans", "10000", "--edges", "50000", "--outliers", "0.05", "--peers"],
@@ -81,26 +78,6 @@ def jobs(sequences: list[Path], results: Path) -> list[Job]:
     return found
 
 
-def measure(job: Job) -> None:
-    """Run a job; its seconds and largest resident memory go to <out>.usage.json, what it says to <out>.log."""
-    job.out.parent.mkdir(parents=True, exist_ok=True)
-    for suffix in (".json", ".txt", ".usage.json"):
-        job.out.with_suffix(suffix).unlink(missing_ok=True)
-    # Threads that wait for each other shall sleep, not spin: spinning would be counted as work.
-    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONPATH": str(ROOT)}
-    load, begin = os.getloadavg()[0], time.perf_counter()
-    with job.out.with_suffix(".log").open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(job.command, stdout=log, stderr=log, env=environment)
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    peak = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    numbers = {"wall": time.perf_counter() - begin, "cpu": usage.ru_utime + usage.ru_stime, "peak_mb": peak}
-    numbers |= {"load_before": load, "status": process.returncode}
-    job.out.with_suffix(".usage.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
-    done = "done" if process.returncode == 0 else f"FAILED, see {job.out.with_suffix('.log')}"
-    print(f"{job.out}: {done}, {numbers['wall']:.0f} s, CPU {numbers['cpu']:.0f} s", file=sys.stderr, flush=True)
-
-
 def simulate(job: Job) -> None:
     """The recording that a job of part "scaling" registers, made where it is missing."""
     frames = job.out.name.split("-")[1]
@@ -122,7 +99,7 @@ def run(
         if wanted or job.part == "warm-up":
             if job.part == "scaling":
                 simulate(job)
-            measure(job)
+            measure(job.out, job.command)
     from benchmarks.side_by_side.report import write  # late: the parent's memory counts in that of its children
 
     write(sequences, results, output)

@@ -11,6 +11,7 @@ from miniloop_cli.cli.main import CONTEXT
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
+HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 
 
 @click.command(context_settings=CONTEXT, short_help="A synthetic recording with exact ground truth.")
@@ -20,6 +21,10 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 @click.option("--height", type=int, default=480, show_default=True, help="Height of the images (px).")
 @click.option("--scene", type=click.Choice(SCENES), default="room", show_default=True, help="What is recorded.")
 @click.option("--path", type=click.Choice(PATHS), default="loop", show_default=True, help="How the camera moves.")
+@click.option("--rooms", type=int, default=1, show_default=True, help="Rooms joined by doors, walked through and back.")
+@click.option(
+    "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="A stretch in which this happens; may be repeated."
+)
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
 @click.option("--noise-level", type=float, default=1.0, show_default=True, help="Noise as a multiple of a Kinect's.")
 @click.option("--moving-object", is_flag=True, help="A figure walks in front of the camera.")
@@ -44,6 +49,8 @@ def simulate(
     height: int,
     scene: str,
     path: str,
+    rooms: int,
+    hard: tuple[str, ...],
     noise: bool,
     noise_level: float,
     moving_object: bool,
@@ -63,6 +70,8 @@ def simulate(
     """Write a synthetic RGB-D recording with exact ground truth to DIR, in TUM's layout.
 
     A furnished, textured room seen by a Kinect-like camera. The same options and seed give the same bytes.
+    Any number of frames covers the whole path. --hard spoils stretches of the recording, in the order given; DIR gets
+    a stretches.csv that says which frames they are.
 
     \b
     Example:   miniloop simulate room && miniloop register room
@@ -80,6 +89,8 @@ def simulate(
         height=height,
         scene=scene,
         path=path,
+        rooms=rooms,
+        hard=tuple(name for given in hard for name in (HARD if given == "all" else (given,))),
         noise=noise,
         noise_level=noise_level,
         moving_object=moving_object,

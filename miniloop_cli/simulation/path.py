@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.simulation.scene import ROOM_M, SECOND_ROOM_M
+from miniloop_cli.simulation.layout import ROOM_M, SECOND_ROOM_M
 from miniloop_cli.typing import Floats
 
 Path = Callable[[Floats], Floats]  # (n,) seconds from the start to (n, 4, 4)

@@ -12,6 +12,8 @@ from miniloop_cli.typing import Floats, Floats32
 
 NOTHING = -1
 MIN_HIT_M = 1e-3
+BLANK_GREY = 165.0
+BUNDLE_PX = 16  # so many neighbours in a row share the search for boxes that they may meet
 
 
 @njit(cache=True, nogil=True)
@@ -54,6 +56,54 @@ def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float,
         rgb[c] += weight * ((1 - fy) * top + fy * bottom)
 
 
+@njit(cache=True, nogil=True)
+def _cones(o: Floats, radius: Floats, within: NDArray, cones: Floats) -> None:
+    """What `_nearby` wants of each box, in rows of `cones` (boxes, 6): the direction of its centre, cosine and sine of
+    the angle that the ball around it fills, and its least distance (m), 0 for boxes that are around the camera.
+
+    o (boxes, 3): from the camera to the centres, in the camera's axes; radius (boxes,): of the balls (m).
+    """
+    for k in range(len(o)):
+        away = math.sqrt(o[k, 0] ** 2 + o[k, 1] ** 2 + o[k, 2] ** 2)
+        cones[k, 5] = 0.0
+        if not within[k] and away > radius[k]:
+            for c in range(3):
+                cones[k, c] = o[k, c] / away
+            cones[k, 4] = radius[k] / away
+            cones[k, 3] = math.sqrt(1 - cones[k, 4] ** 2)
+            cones[k, 5] = away - radius[k]
+
+
+@njit(cache=True, nogil=True)
+def _nearby(rays: Floats, cones: Floats, near: Floats, number: NDArray) -> int:
+    """The boxes that a bundle of (k, 3) camera rays may meet, the nearest first, with the least distance of each (m);
+    returns how many they are.
+    """
+    first, last, middle = rays[0], rays[-1], rays[len(rays) // 2]
+    length = math.sqrt(middle[0] ** 2 + middle[1] ** 2 + middle[2] ** 2)
+    spread = 0.0
+    for end in (first, last):
+        across = math.sqrt(end[0] ** 2 + end[1] ** 2 + end[2] ** 2) * length
+        cosine = (end[0] * middle[0] + end[1] * middle[1] + end[2] * middle[2]) / across
+        spread = max(spread, math.acos(min(max(cosine, -1.0), 1.0)))
+    spread += 1e-3  # the bundle may be curved
+    wide, narrow = math.cos(spread) * length, math.sin(spread) * length
+    count = 0
+    for k in range(len(cones)):
+        least = cones[k, 5]
+        if least > 0:
+            cosine = cones[k, 0] * middle[0] + cones[k, 1] * middle[1] + cones[k, 2] * middle[2]
+            if cosine < cones[k, 3] * wide - cones[k, 4] * narrow:  # of the sum of both angles
+                continue
+        place = count
+        while place > 0 and near[place - 1] > least:
+            near[place], number[place] = near[place - 1], number[place - 1]
+            place -= 1
+        near[place], number[place] = least, k
+        count += 1
+    return count
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def render_rows(
     rows: tuple[int, int],
@@ -71,10 +121,13 @@ def render_rows(
     `scene` is `Scene.arrays()`. color (h, w, 3): 0 to 255; depth (h, w): metres along the optical axis; cosine (h, w):
     of the angle between ray and surface normal; hit (h, w): number of the box, boxes + number of the sphere, NOTHING.
     """
-    T_box_world, half, within, box_texture, sphere, sphere_texture, table, texel_per_m, atlas, light = scene
+    T_box_world, half, within, box_texture, sphere, sphere_texture, table, texel_per_m, atlas, light, blank = scene
     boxes, levels = len(half), table.shape[1]
-    T = np.empty((boxes, 3, 4))
-    d, n, rgb = np.empty(3), np.empty(3), np.empty(3)
+    T, o, cones = np.empty((boxes, 3, 4)), np.empty((boxes, 3)), np.empty((boxes, 6))
+    near, nearby = np.empty(boxes), np.empty(boxes, np.int64)
+    radius = np.sqrt((half**2).sum(axis=1)) + 1e-6
+    candidates = 0
+    d, n, p, rgb = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for v in range(rows[0], rows[1]):
         W = T_world_row[v]
         for k in range(boxes):
@@ -84,11 +137,19 @@ def render_rows(
                     for i in range(3):
                         total += T_box_world[k, r, i] * W[i, c]
                     T[k, r, c] = total
+            for c in range(3):
+                o[k, c] = -(T[k, 0, c] * T[k, 0, 3] + T[k, 1, c] * T[k, 1, 3] + T[k, 2, c] * T[k, 2, 3])
+        _cones(o, radius, within, cones)
         for u in range(rays.shape[1]):
+            if u % BUNDLE_PX == 0:
+                candidates = _nearby(rays[v, u : u + BUNDLE_PX], cones, near, nearby)
             ray = rays[v, u]
             length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
             best, what, best_axis, best_side = 1e30, NOTHING, 0, 0
-            for k in range(boxes):
+            for candidate in range(candidates):
+                k = nearby[candidate]
+                if near[candidate] > best * length:
+                    break
                 for r in range(3):
                     d[r] = T[k, r, 0] * ray[0] + T[k, r, 1] * ray[1] + T[k, r, 2] * ray[2]
                 t, axis, side = _hit_box(T[k, :, 3], d, half[k], within[k])
@@ -114,7 +175,6 @@ def render_rows(
             if what == NOTHING:
                 continue
             if what < boxes:
-                p = np.empty(3)
                 for r in range(3):
                     p[r] = T[what, r, 3] + best * (
                         T[what, r, 0] * ray[0] + T[what, r, 1] * ray[1] + T[what, r, 2] * ray[2]
@@ -148,6 +208,10 @@ def render_rows(
             rgb[:] = 0.0
             _add_texel(atlas, table[number, low], 1.0 / (1 << low), x * density, y * density, 1 - (level - low), rgb)
             _add_texel(atlas, table[number, low + 1], 0.5 / (1 << low), x * density, y * density, level - low, rgb)
+            for k in range(len(blank)):
+                x, y = W[0, 3] + best * d[0], W[1, 3] + best * d[1]
+                if blank[k, 0] < x < blank[k, 2] and blank[k, 1] < y < blank[k, 3]:
+                    rgb[:] = BLANK_GREY
             shade = 0.78 + 0.22 * (n[0] * light[0] + n[1] * light[1] + n[2] * light[2])
             for c in range(3):
                 color[v, u, c] = shade * rgb[c]

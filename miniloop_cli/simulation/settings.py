@@ -11,6 +11,8 @@ from miniloop_cli.geometry.lens import radial_tangential_lens
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
+HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
+MIN_FRAMES_A_STRETCH = 10
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,23 @@ class SimulationSettings:
     fills the view), `textureless` (the room without any texture), `repeated` (the same tile on everything).
     Paths: `loop` (a little over one turn, ending where it began), `xyz` (translations before one wall, every pair
     overlaps), `rotation` (no translation), `still`, `random-walk` (smooth and different for every seed).
+
+    Several `rooms` are joined by doors; `loop` then leads through all of them and ends in the first. Any number of
+    frames covers the whole walk: so many at such a `rate_hz` as take about as long as `simulation.tour.duration_s`
+    make a person's pace.
+
+    Stretches of `hard`, in this order, each in the middle of its share of the recording (a name may be repeated):
+
+    - `blank`: at one end of a room nothing has any texture, only shape; as often as the camera looks there.
+    - `dark`: the light falls until the image is black, and comes back; noise rises meanwhile; depth stays.
+    - `blur`: the hand shakes, with the exposure nearly as long as the time between two frames.
+    - `covered`: the lens is: black, and no depth.
+    - `doubled`: every other frame is a copy of the one before it.
+    - `frozen`: the same frame again and again.
+    - `swapped`: every other frame has changed places with the next: the stamps are those of the neighbour.
+    - `unsorted`: the tables name the frames backwards; their stamps are right.
+    - `broken`: the files of colour images are cut off in the middle.
+    - `missing`: nothing is recorded.
     """
 
     frames: int = 30
@@ -40,10 +59,13 @@ class SimulationSettings:
     path_share: float = 1.0  # only the first part of the path is walked, as slowly as that takes
     focal_px: float | None = None  # None: 525 px at a width of 640
     accelerometer: bool = False  # also write accelerometer.txt, at 100 Hz, with noise and bias
+    rooms: int = 1
+    hard: tuple[str, ...] = ()
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:
-        for key, value, known in (("scene", self.scene, SCENES), ("path", self.path, PATHS)):
+        given = [("scene", self.scene, SCENES), ("path", self.path, PATHS)]
+        for key, value, known in (*given, *(("hard stretch", each, HARD) for each in self.hard)):
             if value not in known:
                 near = difflib.get_close_matches(value, known, n=1)
                 hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
@@ -59,10 +81,17 @@ class SimulationSettings:
             ("rate_hz", 0.1, 1000.0),
             ("path_share", 1e-4, 1.0),
             ("noise_level", 0.0, 20.0),
+            ("rooms", 1, 100),
         ):
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")
-
+        if self.rooms > 1 and (self.path != "loop" or self.scene in ("two-rooms", "plane")):
+            raise ConfigError("several rooms need path 'loop' and scene 'room', 'textureless' or 'repeated'")
+        if "blank" in self.hard and self.scene in ("two-rooms", "plane"):
+            raise ConfigError(f"hard stretch 'blank' needs a room; scene '{self.scene}' has no place for it")
+        if len(self.hard) > self.frames / MIN_FRAMES_A_STRETCH:
+            least = MIN_FRAMES_A_STRETCH * len(self.hard)
+            raise ConfigError(f"{len(self.hard)} hard stretches need at least {least} frames, not {self.frames}")
         if self.focal_px is not None and not 0.2 < self.focal_px / self.width < 20:
             raise ConfigError(f"focal_px must be from {0.2 * self.width:g} to {20 * self.width:g}, not {self.focal_px}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -13,13 +13,18 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, DepthNoise
 from miniloop_cli.scene.sequence import Scan, Trajectory
 from miniloop_cli.simulation import sensor
+from miniloop_cli.simulation.building import build_scene
+from miniloop_cli.simulation.furniture import add_figure
+from miniloop_cli.simulation.layout import Layout
 from miniloop_cli.simulation.path import Path, make_path
-from miniloop_cli.simulation.scene import add_figure, build_scene
 from miniloop_cli.simulation.settings import SimulationSettings
-from miniloop_cli.typing import Bools, Bytes, Floats
+from miniloop_cli.simulation.stretches import Tick, shaken, ticks
+from miniloop_cli.simulation.tour import tour
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
 
 START_S = 1000.0  # stamps begin here
-BLUR_SAMPLES = 6
+BLUR_SAMPLES, SHAKEN_SAMPLES = 6, 16  # of the exposure; more where the hand shakes
+BLANK_SHARE = 0.9  # of the view that has no texture, in a stretch that is called blank
 TRUTH_RATE_HZ = 100.0
 GRAVITY_M_S2 = 9.81
 ACCELEROMETER_NOISE_M_S2, ACCELEROMETER_BIAS_M_S2 = 0.2, 0.1  # of each axis; a degree is 0.17 m/s^2
@@ -31,10 +36,12 @@ class SimulatedFrame:
     """A frame as a recording would hold it, with its exact pose."""
 
     timestamp_s: float
-    T_world_cam: Floats  # of the middle row
+    T_world_cam: Floats  # of the middle row, when the image was taken
     color: Bytes
     depth: NDArray[np.uint16]  # units of 1 / depth_scale m
     moving: Bools | None  # pixels of the moving object
+    taken_s: float  # when the image was taken: not at its stamp in stretches "doubled", "frozen" and "swapped"
+    stretches: tuple[str, ...] = ()  # what is hard about it
 
     def scan(self, camera: Camera) -> Scan:
         """What `read_scan` returns for this frame, without its mask."""
@@ -44,11 +51,26 @@ class SimulatedFrame:
 def simulate(settings: SimulationSettings, rng: Generator) -> Iterator[SimulatedFrame]:
     """The frames of a recording. The scene and the path depend on the seed, not on the sensor's settings."""
     scene_rng, path_rng, noise_rng = rng.spawn(3)
-    scene, path = build_scene(settings.scene, scene_rng), _path(settings, path_rng)
+    scene = build_scene(settings.scene, scene_rng, settings.rooms, "blank" in settings.hard)
+    path = _path(settings, path_rng)
     figure = add_figure(scene, np.random.default_rng(7)) if settings.moving_object else None
-    arrays, rays = scene.arrays(), camera_rays(settings.camera)
-    for t in frame_times_s(settings):
-        yield _frame(settings, arrays, path, rays, figure, t, noise_rng.spawn(1)[0])
+    arrays, rays, t = scene.arrays(), camera_rays(settings.camera), frame_times_s(settings)
+    del scene  # the arrays hold all of it
+    last: tuple[Tick, SimulatedFrame] | None = None
+    for tick in ticks(settings):
+        if last is None or last[0].source != tick.source:
+            noise = _spawned(noise_rng, tick.source)
+            last = tick, _frame(settings, arrays, path, rays, figure, t[tick.source], tick, noise)
+        stretches = tick.stretches + tuple(name for name in last[1].stretches if name == "blank")
+        yield replace(last[1], timestamp_s=round(START_S + t[tick.number], 6), stretches=stretches)
+
+
+def _spawned(rng: Generator, number: int) -> Generator:
+    """The generator that a first `rng.spawn` would give as the one of this number."""
+    seed = rng.bit_generator.seed_seq
+    assert isinstance(seed, np.random.SeedSequence)
+    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number), pool_size=seed.pool_size)
+    return Generator(type(rng.bit_generator)(child))
 
 
 def true_trajectory(settings: SimulationSettings, rng: Generator) -> Trajectory:
@@ -84,7 +106,12 @@ def frame_times_s(settings: SimulationSettings) -> Floats:
 
 
 def _path(settings: SimulationSettings, rng: Generator) -> Path:
-    return make_path(settings.path, settings.scene, settings.frames / settings.rate_hz, rng, settings.path_share)
+    duration_s = settings.frames / settings.rate_hz
+    if settings.rooms > 1:
+        path = tour(Layout(settings.rooms), duration_s / settings.path_share, rng)
+    else:
+        path = make_path(settings.path, settings.scene, duration_s, rng, settings.path_share)
+    return shaken(path, settings)
 
 
 def camera_rays(camera: Camera) -> Floats:
@@ -101,6 +128,7 @@ def _frame(
     rays: Floats,
     figure: int | None,
     t: float,
+    tick: Tick,
     rng: Generator,
 ) -> SimulatedFrame:
     from miniloop_cli.simulation.render import render
@@ -115,16 +143,32 @@ def _frame(
         return render(rays, path(time_s + row_s), 1 / camera.fx, scene)
 
     light, depth_m, cosine, hit = image(t)
-    if settings.blur_s > 0:
-        exposure = settings.blur_s * (np.arange(BLUR_SAMPLES) / (BLUR_SAMPLES - 1) - 0.5)
+    stretches = ("blank",) if _share_blank(scene[-1], rays, T_world_cam, depth_m) > BLANK_SHARE else ()
+    if tick.blur_s > 0:
+        samples = SHAKEN_SAMPLES if tick.blur_s > settings.blur_s else BLUR_SAMPLES
+        exposure = tick.blur_s * (np.arange(samples) / (samples - 1) - 0.5)
         light = np.mean([image(t + s)[0] for s in exposure], axis=0)
+    if tick.covered:
+        light, depth_m, stretches = 0 * light, 0 * depth_m, ()
     if settings.noise:
         noise = DepthNoise(settings.noise_level * camera.noise.a_m, settings.noise_level * camera.noise.b_per_m)
         depth_m = sensor.measure_depth(depth_m, cosine, noise, rng)
     depth = sensor.store_depth(depth_m, camera.depth_scale, settings.depth_limit_m)
-    color = sensor.store_color(light, settings.exposure, rng if settings.noise else None, settings.noise_level)
+    grain = settings.noise_level * tick.noise
+    color = sensor.store_color(light, settings.exposure * tick.gain, rng if settings.noise else None, grain)
     moving = hit == figure if figure is not None else None
-    return SimulatedFrame(round(START_S + t, 6), T_world_cam, color, depth, moving)
+    stamp_s = round(START_S + t, 6)
+    return SimulatedFrame(stamp_s, T_world_cam, color, depth, moving, stamp_s, stretches)
+
+
+def _share_blank(blank_m: Floats, rays: Floats, T_world_cam: Floats, depth_m: Floats32) -> float:
+    """Share of the view, every eighth pixel both ways, that shows a place without texture."""
+    if not len(blank_m):
+        return 0.0
+    z = depth_m[::8, ::8, None].astype(float)
+    x, y = np.moveaxis(se3.transform(T_world_cam, (z * rays[::8, ::8]).reshape(-1, 3))[:, :2], 1, 0)
+    inside = [(x > low_x) & (x < high_x) & (y > low_y) & (y < high_y) for low_x, low_y, high_x, high_y in blank_m]
+    return float(np.any(inside, axis=0).mean())
 
 
 def _figure_pose(T_world_cam: Floats, t: float) -> Floats:
