@@ -30,6 +30,7 @@ def register(
     settings: Settings | Path | str = "default",
     overrides: Many[str] = (),
     layout: str | None = None,
+    topics: str = "",
     follow_links: bool = False,
     camera: Path | str | None = None,
     gravity: Path | str | None = None,
@@ -45,6 +46,7 @@ def register(
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
     `gravity`: an accelerometer table, `pose_prior`: a file of rough poses (docs/priors.md);
+    `topics`: those of a bag that hold colour, depth and cameras, as "color=/a,depth=/b";
     `follow_links`: images may lie behind symbolic links that lead out of the recording;
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
@@ -61,7 +63,8 @@ def register(
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
-    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links)
+    least = settings.depth.min_confidence
+    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
     LOG.info("camera: %s", sequence.camera.source)
     _tell(sequence.notes)

@@ -47,6 +47,9 @@ class Depth(Section):
 
     min_m: float = Field(0.3, ge=0, description="Smallest depth that is used (m).")
     max_m: float = Field(8.0, gt=0, description="Largest depth that is used (m).")
+    min_confidence: int = Field(
+        1, ge=0, le=2, description="Least confidence of a reading, where a phone states it: 0 low, 1 medium, 2 high."
+    )
     edge_ratio: float = Field(
         0.04, gt=0, description="A feature is dropped if its four neighbouring readings differ by more than this share."
     )

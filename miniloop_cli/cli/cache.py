@@ -12,7 +12,7 @@ import click
 from miniloop_cli.cli.main import CONTEXT
 
 DAY_S = 86400.0
-ARTEFACT = re.compile(r"(?:[0-9a-f]{32}){1,2}\.npz")  # 64 digits; 32 of earlier versions
+ARTEFACT = re.compile(r"(?:[0-9a-f]{32}){1,2}\.(?:npz|tar)")  # 64 digits; 32 of earlier versions
 TEMPORARY = re.compile(rf"\.{ARTEFACT.pattern}\..+\.tmp")  # left behind by a run that was killed while writing
 
 
@@ -88,7 +88,7 @@ def kept_files(folder: Path) -> list[KeptFile]:
     """Every file of a store, in order of kind and name; nothing else that may lie in the folder."""
     found = []
     now = time.time()
-    for path in sorted(folder.glob("*/*.npz")) + sorted(folder.glob("*/.*.tmp")):
+    for path in sorted(folder.glob("*/*.npz")) + sorted(folder.glob("*/*.tar")) + sorted(folder.glob("*/.*.tmp")):
         if not (ARTEFACT.fullmatch(path.name) or TEMPORARY.fullmatch(path.name)):
             continue
         try:

@@ -107,6 +107,7 @@ def open_model(
         return Model(results)
     try:
         layout = layout or results.summary.get("layout")
-        return Model(results, open_sequence(recorded, layout, camera, follow_links=follow_links))
+        topics = str(results.summary.get("topics", ""))
+        return Model(results, open_sequence(recorded, layout, camera, follow_links=follow_links, topics=topics))
     except (MiniloopError, TypeError) as error:  # moved since, or damaged: a format that needs it asks for it
         return Model(results, problem=str(error))

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     help="Camera file (YAML, or of another tool) instead of the camera found.",
 )
 @click.option("--layout", metavar="NAME", help="Layout of SEQ, if it is not recognised.")
+@options.topics
 @options.follow_links
 @options.json_file
 @options.seed
@@ -31,6 +32,7 @@ def inspect(
     sequence: Path,
     camera: Path | None,
     layout: str | None,
+    topics: str,
     follow_links: bool,
     json_path: str | None,
     seed: int,
@@ -50,7 +52,7 @@ def inspect(
     from miniloop_cli.inspection.inspect import inspect as run
     from miniloop_cli.inspection.text import describe
 
-    recording = open_sequence(sequence, layout, camera, follow_links=follow_links)
+    recording = open_sequence(sequence, layout, camera, follow_links=follow_links, topics=topics)
     result = run(recording, np.random.default_rng(seed))
     if json_path:
         options.write_json(json_path, result.as_json())

@@ -80,6 +80,12 @@ layout = click.option(
     shell_complete=complete("complete_layout"),
     help="Layout of SEQ, if it is not recognised.",
 )
+topics = click.option(
+    "--topics",
+    metavar="LIST",
+    default="",
+    help="Topics of a bag, if they are not found: color=/a,depth=/b,info=/c,depth_info=/d.",
+)
 follow_links = click.option(
     "--follow-links", is_flag=True, help="Also read images behind symbolic links that lead out of the recording."
 )

@@ -57,6 +57,7 @@ MOST_REASONS = 8  # that the summary shows
 )
 @click.option("--init", type=click.Path(path_type=Path), hidden=True, help="Name of --pose-prior in release 0.1.")
 @options.layout
+@options.topics
 @options.follow_links
 @click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 @options.overrides
@@ -92,6 +93,7 @@ def register(
     pose_prior: Path | None,
     init: Path | None,
     layout: str | None,
+    topics: str,
     follow_links: bool,
     max_frames: int | None,
     overrides: tuple[str, ...],
@@ -135,6 +137,7 @@ def register(
         settings=config,
         overrides=overrides,
         layout=layout,
+        topics=topics,
         follow_links=follow_links,
         camera=camera,
         gravity=gravity,

@@ -6,6 +6,10 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.stamps import Unit
+from miniloop_cli.datasets.stream import Stream, named_stream
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Note, NoteKind
 
 CAMERA_FILES = (
@@ -53,13 +57,34 @@ def _looks_like_camera(path: Path) -> bool:
     return path.is_file() or any(child.suffix.lower() in (".yaml", ".yml", ".json", ".txt") for child in inside)
 
 
-def unused_confidence(root: Path, where: str = ".") -> tuple[Note, ...]:
-    """A note on a folder of confidence images in the sub-folder `where`."""
+def confidence_maps(
+    root: Path, depth: Stream, where: str = ".", unit: Unit | None = None
+) -> tuple[dict[ImageSource, ImageSource], str, tuple[Note, ...]]:
+    """The confidence images of a folder by the depth images of equal number or time, the folder's name, and notes."""
     folder = next((name for name in CONFIDENCE if (root / where / name).is_dir()), None)
     if folder is None:
+        return {}, "", ()
+    inside = folder if where == "." else f"{where}/{folder}"
+    try:
+        maps = named_stream(root, inside, (".png",), unit)
+    except InputError as error:
+        return {}, "", (Note(NoteKind.UNUSED, f"{inside}/ is not used, depth of low confidence is kept: {error}"),)
+    known = dict(zip(_keys(maps), maps.sources, strict=True))
+    keys = zip(_keys(depth), depth.sources, strict=True)
+    return {image: known[key] for key, image in keys if key in known}, f"{inside}/", maps.notes
+
+
+def _keys(stream: Stream) -> list[float]:
+    keys = stream.numbers if stream.numbers is not None else stream.times
+    return [] if keys is None else [float(key) for key in keys.tolist()]
+
+
+def unused_confidence(root: Path) -> tuple[Note, ...]:
+    """A note on a folder of confidence images of a kind that is not known."""
+    folder = next((name for name in CONFIDENCE if (root / name).is_dir()), None)
+    if folder is None:
         return ()
-    text = f"{folder if where == '.' else f'{where}/{folder}'}/ is not used: depth of low confidence is kept"
-    return (Note(NoteKind.UNUSED, text),)
+    return (Note(NoteKind.UNUSED, f"{folder}/ is not used: depth of low confidence is kept"),)
 
 
 def unused_associations(names: list[str]) -> tuple[Note, ...]:

@@ -35,7 +35,8 @@ def understand_depth(sequence: Sequence) -> Sequence:
     sample = sample_depth(sequence)
     if not sample:
         return sequence
-    if sum(stored.dtype.kind == "f" for stored in sample) * 2 > len(sample):
+    stated = sequence.depth_format.floating  # then the camera's scale is for these numbers
+    if not stated and sum(stored.dtype.kind == "f" for stored in sample) * 2 > len(sample):
         sequence = _floating(sequence, [stored for stored in sample if stored.dtype.kind == "f"])
     sample = [stored for stored in sample if (stored.dtype.kind == "f") == sequence.depth_format.floating]
     form = sequence.depth_format

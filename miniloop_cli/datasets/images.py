@@ -20,6 +20,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
+from miniloop_cli.datasets.archive_path import ArchivePath
 from miniloop_cli.datasets.paths import open_file, read_bytes
 from miniloop_cli.datasets.raw_images import raw_format
 from miniloop_cli.errors import InputError, out_of_memory
@@ -50,6 +51,11 @@ class ImageFile:
     @property
     def name(self) -> str:
         return os.fspath(self.path)
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether it is a file of its own, that other programs can open: not one within an archive."""
+        return not isinstance(self.path, ArchivePath)
 
     def header(self) -> ImageHeader:
         with open_file(self.path, MAX_IMAGE_BYTES) as file:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -28,3 +29,10 @@ class Layout(Protocol):
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The reference poses that came with it, camera to world; None if there are none. Raises InputError."""
+
+
+@runtime_checkable
+class TopicLayout(Protocol):
+    """A layout whose recordings hold several streams: `topics` (color, depth, info, depth_info) says which to use."""
+
+    topics: Mapping[str, str]

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.datasets.archive_path import ArchivePath, entered, from_archive, is_archive, levels
+from miniloop_cli.datasets.confidence import MIN_CONFIDENCE, ConfidentDepth, with_min_confidence
 from miniloop_cli.datasets.depth_values import understand_depth
 from miniloop_cli.datasets.foreign import what_it_is
 from miniloop_cli.datasets.images import ImageFile
-from miniloop_cli.datasets.layout import Layout
+from miniloop_cli.datasets.layout import Layout, TopicLayout
 from miniloop_cli.datasets.paths import require_inside, shown, within
 from miniloop_cli.datasets.read import require_color_size
 from miniloop_cli.datasets.registry import BUILT_IN, find_layout, known_layouts, load_layouts
@@ -30,23 +32,36 @@ def open_sequence(
     camera_path: Path | str | None = None,
     max_frames: int | None = None,
     follow_links: bool = False,
+    topics: str = "",
+    min_confidence: int = MIN_CONFIDENCE,
 ) -> Sequence:
     """Open a recording; its layout is found by looking at the folder (or file) unless `layout` names it.
 
     `camera_path` is a YAML camera file that overrules what the recording says; with `max_frames` only so many
     evenly spaced frames are kept. Images behind symbolic links that lead out of the folder are refused unless
-    `follow_links`. Decoded are the headers of a few images, to check their size, and a few depth images, to tell
+    `follow_links`. `topics` names the streams of a bag, as color=/a,depth=/b; `min_confidence` is the setting
+    depth.min_confidence. Decoded are the headers of a few images, to check their size, and a few depth images, to tell
     their unit and which values mean "no reading".
 
     Raises InputError (or ConfigError for the camera file) that says what is missing and what to do.
     """
-    root = Path(path).absolute()
+    root = entered(Path(path).absolute())
     children = _children(root)
+    if root.is_file() and is_archive(root):
+        folders = (root, *levels(root))
+        known = (p for p in folders if (find_layout(layout).matches(p) if layout else recognise(p)))
+        root = next(known, folders[-1])
+        children = _children(root)
     name = layout or recognise(root)
     if name is None:
         raise InputError(_why_unknown(root, children))
-    sequence = find_layout(name).open(root, Path(camera_path) if camera_path else None)
-    sequence = replace(sequence, layout=name)
+    reader = find_layout(name)
+    if topics:
+        _set_topics(reader, topics, root, name)
+    sequence = reader.open(root, Path(camera_path) if camera_path else None)
+    sequence = with_min_confidence(replace(sequence, layout=name, topics=topics), min_confidence)
+    if isinstance(root, ArchivePath):
+        sequence = from_archive(sequence, root)
     sequence = _with_masks(sequence)
     if not follow_links:
         require_inside(root, _files(sequence))
@@ -58,6 +73,14 @@ def open_sequence(
         # Images that were left out on purpose are not images without partner.
         sequence = replace(sequence, frames=tuple(sequence.frames[i] for i in keep), available=(0, 0))
     return sequence
+
+
+def _set_topics(reader: Layout, topics: str, root: Path, name: str) -> None:
+    from miniloop_cli.datasets.bags.topics import parse_topics
+
+    if not isinstance(reader, TopicLayout):
+        raise InputError(f"--topics is for bags; {shown(root)} is a recording of layout {name}")
+    reader.topics = parse_topics(topics)
 
 
 def _children(root: Path) -> list[Path]:
@@ -137,8 +160,11 @@ def _with_masks(sequence: Sequence) -> Sequence:
 
 
 def _files(sequence: Sequence) -> Iterator[Path]:
-    """The image files of all frames."""
+    """The files in which the images of all frames lie, other than the recording itself."""
     for frame in sequence.frames:
-        for source in (frame.color, frame.depth, frame.mask):
-            if isinstance(source, ImageFile):
-                yield source.path
+        depth = frame.depth
+        parts = (depth.depth, depth.confidence) if isinstance(depth, ConfidentDepth) else (depth,)
+        for source in (frame.color, *parts, frame.mask):
+            path = getattr(source, "path", None)
+            if isinstance(path, Path) and path != sequence.root:
+                yield path

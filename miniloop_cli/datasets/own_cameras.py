@@ -13,6 +13,7 @@ from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Frame, Note, NoteKind
 from miniloop_cli.typing import Floats
 
+SAME_FOCAL = 5e-4
 MIN_MOVED_PX = 0.25  # less at the corners of the image is not worth resampling it
 
 
@@ -33,9 +34,13 @@ def with_own_cameras(
     if not resampled:
         return frames, ()
     stray = max(abs(frame.camera.fx / common.fx - 1) for frame in own if frame.camera)
+    what = f"the focal length strays by up to {100 * stray:.1f} %"
+    if stray < SAME_FOCAL:
+        moved = max(max(abs(f.camera.cx - common.cx), abs(f.camera.cy - common.cy)) for f in own if f.camera)
+        what = f"the principal point strays by up to {moved:.1f} px"
     text = (
-        f"the focal length strays by up to {100 * stray:.1f} % from its median: {resampled} of {len(frames)} frames "
-        "are resampled from their own camera to the median one"
+        f"{what} from its median: {resampled} of {len(frames)} frames are resampled from their own camera to the "
+        "median one"
     )
     return tuple(own), (Note(NoteKind.CONVERTED, text),)
 

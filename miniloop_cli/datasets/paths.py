@@ -76,8 +76,8 @@ def within(root: Path, name: str, where: str) -> Path:
                 f"{where} points outside the sequence: {shown(name)}; copy the files into {shown(root)} instead"
             )
         os.lstat(path)
-    except FileNotFoundError:
-        pass  # it need not be there
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # it need not be there, and may lie in an archive
     except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise InputError(f"{where} names an impossible file: {shown(name)} ({error})") from error
     return root / os.path.relpath(path, base)
@@ -104,7 +104,8 @@ def list_files(root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIX
     """
     where = root / folder
     try:
-        names = sorted(e.name for e in os.scandir(where) if e.name[0] != "." and not e.is_dir())
+        entries = os.scandir(where) if type(where) is type(Path()) else where.iterdir()  # an archive's has no entries
+        names = sorted(e.name for e in entries if e.name[0] != "." and not e.is_dir())
     except OSError as error:
         raise InputError(f"cannot list {shown(where)}: {error.strerror or error}") from error
     fitting = {name for name in names if name.lower().endswith(suffixes)}

@@ -13,6 +13,7 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.depth_registration import register_depth
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
@@ -60,7 +61,9 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         require_color_size(color.shape, sequence.camera)
         source = frame.depth
         stored = read_depth(source, sequence.depth_format.floating)
-        if sequence.depth_format.resample:
+        if sequence.depth_camera:
+            _require_depth_size(stored.shape, sequence.depth_camera.camera)
+        elif sequence.depth_format.resample:
             stored = _resampled(stored, color.shape)
         else:
             _require_registered(stored.shape, color.shape)
@@ -70,13 +73,15 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
             mask = read_mask(source)
             if mask.shape != color.shape[:2]:
                 raise InputError(f"the mask is {_size(mask.shape)}, colour {_size(color.shape)}")
-        if frame.camera:
+        if frame.camera and not sequence.depth_camera:
             color, stored, mask = _as_common(color, stored, mask, frame.camera, sequence.camera)
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
     depth_m = stored.astype(np.float32) / scale
     for value in sequence.depth_format.no_reading:
         depth_m[stored == np.asarray(value, stored.dtype)] = 0
+    if own := sequence.depth_camera:
+        depth_m = register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)
@@ -93,7 +98,9 @@ def check_headers(sequence: Sequence, index: int) -> None:
     floating = sequence.depth_format.floating
     if (depth.bits, depth.channels) != (32 if floating else 16, 1):
         raise InputError(f"{FLOATING_MUST_BE if floating else DEPTH_MUST_BE}, this is a {depth}")
-    if not sequence.depth_format.resample:
+    if sequence.depth_camera:
+        _require_depth_size((depth.height, depth.width), sequence.depth_camera.camera)
+    elif not sequence.depth_format.resample:
         _require_registered((depth.height, depth.width), (color.height, color.width))
 
 
@@ -119,6 +126,11 @@ def _as_common(
     _, hidden, _ = to_common(color, hidden, own, common)
     color, stored, unseen = to_common(color, stored, own, common)
     return color, stored, (hidden > 0) | unseen
+
+
+def _require_depth_size(shape: Shape, camera: Camera) -> None:
+    if shape[:2] != (camera.height, camera.width):
+        raise InputError(f"depth is {_size(shape)}, the depth camera {camera.width} x {camera.height}")
 
 
 def _require_registered(depth: Shape, color: Shape) -> None:

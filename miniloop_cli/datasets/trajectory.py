@@ -30,7 +30,7 @@ def read_trajectory(path: Path | str, frames_s: Floats | None = None, numbered: 
     `numbered`: gives the stamps of the frames by number, for formats without stamps.
     Raises InputError naming file and line for what is malformed, and for what could mean more than one thing.
     """
-    return to_trajectory(read_pose_file(Path(path)), frames_s, numbered)
+    return to_trajectory(read_pose_file(path if isinstance(path, Path) else Path(path)), frames_s, numbered)
 
 
 def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:

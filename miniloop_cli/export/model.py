@@ -10,6 +10,7 @@ import numpy as np
 
 from miniloop_cli.config import Depth
 from miniloop_cli.datasets import read_scan
+from miniloop_cli.datasets.confidence import with_min_confidence
 from miniloop_cli.errors import InputError
 from miniloop_cli.presets import load_settings
 from miniloop_cli.results.folder import Results
@@ -59,13 +60,13 @@ class Model:
         """(m, 2) the graph's edges as rows of the trajectory."""
         return np.searchsorted(self.frame_numbers, self.graph.pairs)
 
-    @property
+    @cached_property
     def recording(self) -> Sequence:
-        """The sequence. Raises InputError where it was not given."""
+        """The sequence, with the depth that the run trusted. Raises InputError where it was not given."""
         if self.sequence is None:
             why = f" ({self.problem})" if self.problem else ""
             raise InputError(f"this needs the images and the camera: give the recording with --sequence{why}")
-        return self.sequence
+        return with_min_confidence(self.sequence, self.depth_settings.min_confidence)
 
     @cached_property
     def recording_rows(self) -> Ints:
@@ -74,14 +75,15 @@ class Model:
         return rows_of(known, self.trajectory.timestamps_s, self.recording.root)
 
     @cached_property
-    def depth_range_m(self) -> tuple[float, float]:
-        """Nearest and farthest depth (m) that the run used; the default without its config.yaml.
-
-        Raises ConfigError where that is damaged.
-        """
+    def depth_settings(self) -> Depth:
+        """Which depth the run used; the default without its config.yaml. Raises ConfigError where that is damaged."""
         path = self.results.root / "config.yaml"
-        depth = load_settings(path).depth if self.results.summary and path.is_file() else Depth()
-        return depth.min_m, depth.max_m
+        return load_settings(path).depth if self.results.summary and path.is_file() else Depth()
+
+    @property
+    def depth_range_m(self) -> tuple[float, float]:
+        """Nearest and farthest depth (m) that the run used."""
+        return self.depth_settings.min_m, self.depth_settings.max_m
 
     def scan(self, row: int) -> Scan:
         """Frame `row` of the recording, with depth 0 where the run did not use it. Raises InputError as `read_scan`."""

@@ -81,7 +81,7 @@ def nerfstudio_lens(lens: Lens) -> dict[str, Any] | None:
 def color_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's colour image of frame k where it is a file that shows what the camera sees; else a copy."""
     frame = model.recording.frames[k]
-    if isinstance(frame.color, ImageFile) and not frame.color.upright and frame.camera is None:
+    if isinstance(frame.color, ImageFile) and frame.color.on_disk and not frame.color.upright and frame.camera is None:
         return frame.color.path
     color = read_color(frame.color) if frame.camera is None else model.scan(k).color
     return write_png(folder / "images" / f"{k:06d}.png", color[..., ::-1])
@@ -91,7 +91,7 @@ def depth_path(model: Model, k: int, folder: Path) -> Path:
     """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
     sequence = model.recording
     frame = sequence.frames[k]
-    plain = sequence.depth_format == DepthFormat() and frame.mask is frame.camera is None
-    if isinstance(frame.depth, ImageFile) and plain:
+    plain = sequence.depth_format == DepthFormat() and frame.mask is frame.camera is sequence.depth_camera is None
+    if isinstance(frame.depth, ImageFile) and frame.depth.on_disk and plain:
         return frame.depth.path
     return write_depth(folder / "depth" / f"{k:06d}.png", model.scan(k), stored_scale(sequence))

@@ -76,6 +76,7 @@ def summary(run: Registration) -> dict[str, Any]:
         "sequence": run.sequence.name,
         "recording": str(run.sequence.root),
         "layout": run.sequence.layout,
+        **({"topics": run.sequence.topics} if run.sequence.topics else {}),
         "frames": len(run.sequence.frames),
         "registered": len(run.poses.registered),
         "components": len(sizes),

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
@@ -89,6 +91,23 @@ class DepthFormat:
 
 
 @dataclass(frozen=True)
+class DepthCamera:
+    """The camera that depth was measured by, where depth is not registered to colour; it is registered as it is read.
+
+    `pose_rows` are the 16 numbers of T_color_depth (points of the depth camera to those of the colour camera, m), row
+    by row.
+    """
+
+    camera: Camera
+    pose_rows: tuple[float, ...]
+
+    @property
+    def T_color_depth(self) -> Floats:
+        """(4, 4)."""
+        return np.array(self.pose_rows).reshape(4, 4)
+
+
+@dataclass(frozen=True)
 class Sequence:
     """An RGB-D recording. Frames are sorted by time; decoding happens in `read_scan`, one frame at a time."""
 
@@ -101,3 +120,5 @@ class Sequence:
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in
+    depth_camera: DepthCamera | None = None  # where depth is not registered to colour
+    topics: str = ""  # of a bag, as the user named them

@@ -84,4 +84,5 @@ def _key(how: How, index: int, run: Run) -> str:
     # How the camera was found does not change a feature.
     camera = (replace(sequence.camera, source=""), replace(frame.camera, source="") if frame.camera else None)
     version = FEATURE_TYPES[features.type].version
-    return run.store.key(FEATURES, (files, features, version, depth, camera, sequence.depth_format))
+    other = (sequence.depth_camera,) if sequence.depth_camera else ()
+    return run.store.key(FEATURES, (files, features, version, depth, camera, sequence.depth_format, *other))

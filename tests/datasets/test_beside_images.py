@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zipfile
 
 import cv2
 import numpy as np
@@ -40,36 +41,24 @@ def test_folders_of_other_tools_are_known(tmp_path, names, words):
 
 def test_a_folder_with_a_bag_in_it_is_known(tmp_path):
     (tmp_path / "2024-05-01.bag").touch()
-    with pytest.raises(InputError, match=r"holds 2024-05-01\.bag, a ROS 1 or RealSense bag: extract"):
+    with pytest.raises(InputError, match=r"holds 2024-05-01\.bag: give that file itself"):
         open_sequence(tmp_path)
+    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as archive:
+        archive.writestr("scan/2024-05-01.bag", b"")
+    with pytest.raises(InputError, match=r"holds 2024-05-01\.bag: unpack it, then give that file itself"):
+        open_sequence(tmp_path / "scan.zip")
 
 
-def test_what_is_advised_for_arkitscenes_works(tiny):
+def test_data_sets_without_their_cameras_take_a_given_one(tiny):
     for k in range(4):
         tiny.color(f"lowres_wide/41069021_{6102.175 + k / 10:.3f}.png")
         tiny.depth(f"lowres_depth/41069021_{6102.178 + k / 10:.3f}.png")
-    with pytest.raises(InputError, match="an ARKitScenes scan: rename lowres_wide/ to color/"):
+    with pytest.raises(InputError, match="lowres_wide_intrinsics"):
         open_sequence(tiny.root)
-    for old, new in (("lowres_wide", "color"), ("lowres_depth", "depth")):
-        (tiny.root / old).rename(tiny.root / new)
     tiny.text("camera.yaml", CAMERA)
     assert [f.timestamp_s for f in open_sequence(tiny.root).frames] == pytest.approx(
         [6102.175 + k / 10 for k in range(4)]
     )
-
-
-def test_what_is_advised_for_replica_works(tiny):
-    for k in range(4):
-        tiny.color(f"results/frame{k:06d}.jpg")
-        tiny.depth(f"results/depth{k:06d}.png")
-    with pytest.raises(InputError, match="a Replica rendering: move results/frame"):
-        open_sequence(tiny.root)
-    for kind, new in (("frame", "color"), ("depth", "depth")):
-        (tiny.root / new).mkdir()
-        for path in (tiny.root / "results").glob(f"{kind}*"):
-            path.rename(tiny.root / new / path.name)
-    tiny.text("camera.yaml", CAMERA)
-    assert len(open_sequence(tiny.root).frames) == 4
 
 
 @pytest.mark.parametrize(
@@ -80,7 +69,7 @@ def test_a_camera_file_beside_a_guessed_camera_is_named(tiny, name, folder):
     for k in range(2):
         tiny.color(f"{folder}/{10 + k / 10:.6f}.png", 640, 480)
         tiny.depth(f"depth/{10 + k / 10:.6f}.png", 640, 480)
-    tiny.text(name, "517.3 516.5 318.6 255.3\n")
+    tiny.text(name, "517.3 516.5 318.6 255.3 0.0\n")
     words = f"{name.split('/')[0]}{'/' * ('/' in name)} seems to describe the camera and is not read"
     assert [words in note for note in said(open_sequence(tiny.root), NoteKind.ASSUMED)].count(True) == 1
     tiny.text("camera.yaml", CAMERA.replace("64", "640").replace("48", "480"))

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from miniloop_cli.datasets.camera_files.fields import Fields, Reading, Values, depth_scale
+from miniloop_cli.geometry import se3
+from miniloop_cli.typing import Floats
 
 USED = tuple(
     """
@@ -18,6 +22,12 @@ USED = tuple(
 )
 IGNORED = ("metric_radius", "max_radius_for_projection", "metricRadius", "maxRadiusForProjection", "extrinsics")
 RAW = ("cx", "cy", "fx", "fy", "k1", "k2", "k3", "k4", "k5", "k6", "codx", "cody", "p2", "p1")
+DEPTH_MODES = {
+    (640, 576): (1024, 192, 180),
+    (320, 288): (512, 96, 90),
+    (1024, 1024): (1024, 0, 0),
+    (512, 512): (512, 0, 0),
+}
 SIZES = (("width", "height"), ("resolution_width", "resolution_height"))
 
 
@@ -49,12 +59,7 @@ def read_raw(fields: Fields) -> Reading:
     """The colour camera of calibration.json, for images of `image_size`. Raises ConfigError."""
     fields.known(("CalibrationInformation", "width", "height", "depth_scale"))
     information = fields.section("CalibrationInformation")
-    cameras = information.data.get("Cameras")
-    entries = [entry for entry in cameras if isinstance(entry, dict)] if isinstance(cameras, list) else []
-    color = [entry for entry in entries if str(entry.get("Location", "")).endswith("PV0")]
-    if len(color) != 1:
-        raise information.fault("Cameras must hold one whose Location ends in PV0, the colour camera")
-    camera = Fields(color[0], fields.where, name="Cameras.PV0")
+    camera = _camera(information, "PV0", "the colour camera")
     intrinsics = camera.section("Intrinsics")
     raw = dict(zip(RAW, intrinsics.numbers("ModelParameters", (14,)), strict=True))
     kind = Fields(raw | {"ModelType": intrinsics.data.get("ModelType", "")}, fields.where, name=intrinsics.name)
@@ -65,6 +70,44 @@ def read_raw(fields: Fields) -> Reading:
     values = {"fx": raw["fx"] * width, "cx": raw["cx"] * width - 0.5, "fy": raw["fy"] * whole}
     values |= {"cy": raw["cy"] * whole - 0.5 - (whole - height) / 2, "width": width, "height": height}
     return Reading(_lens(kind) | values | depth_scale(fields, "depth_scale"), f"colour at {width:g} x {height:g}")
+
+
+def read_raw_depth(fields: Fields) -> tuple[Values, Floats]:
+    """The depth camera of calibration.json for depth images of `image_size`, and (4, 4) T_color_depth (m).
+
+    Each mode reads a part of the sensor, binned or not; the place of a camera is relative to the depth camera. Raises
+    ConfigError.
+    """
+    information = fields.section("CalibrationInformation")
+    depth, color = _camera(information, "D0", "the depth camera"), _camera(information, "PV0", "the colour camera")
+    if fields.image_size not in DEPTH_MODES:
+        raise fields.fault(f"{fields.image_size} is no size of Azure Kinect's depth images")
+    width, height = fields.image_size or (0, 0)
+    whole, left, top = DEPTH_MODES[width, height]
+    intrinsics = depth.section("Intrinsics")
+    raw = dict(zip(RAW, intrinsics.numbers("ModelParameters", (14,)), strict=True))
+    kind = Fields(raw | {"ModelType": intrinsics.data.get("ModelType", "")}, fields.where, name=intrinsics.name)
+    values: Values = _lens(kind) | {"fx": raw["fx"] * whole, "cx": raw["cx"] * whole - left - 0.5}
+    values |= {"fy": raw["fy"] * whole, "cy": raw["cy"] * whole - top - 0.5, "width": width, "height": height}
+    return values, _place(color) @ se3.inverse(_place(depth))
+
+
+def _camera(information: Fields, location: str, what: str) -> Fields:
+    cameras = information.data.get("Cameras")
+    entries = [entry for entry in cameras if isinstance(entry, dict)] if isinstance(cameras, list) else []
+    found = [entry for entry in entries if str(entry.get("Location", "")).endswith(location)]
+    if len(found) != 1:
+        raise information.fault(f"Cameras must hold one whose Location ends in {location}, {what}")
+    return Fields(found[0], information.where, name=f"Cameras.{location}")
+
+
+def _place(camera: Fields) -> Floats:
+    """(4, 4) points of the depth camera to those of this one."""
+    rt = camera.section("Rt")
+    R, t = np.array(rt.numbers("Rotation", (9,))).reshape(3, 3), np.array(rt.numbers("Translation", (3,)))
+    if np.abs(R @ R.T - np.eye(3)).max() > 0.01 or np.linalg.det(R) < 0 or np.abs(t).max() > 1:
+        raise rt.fault("no rotation and translation in metres")
+    return se3.pose(se3.project_so3(R), t)
 
 
 def _image_size(fields: Fields) -> tuple[float, float]:

@@ -69,7 +69,7 @@ def read_camera_file(
 
     Raises InputError where the file cannot be read, ConfigError for unknown, missing or impossible values.
     """
-    path = Path(path)
+    path = path if isinstance(path, Path) else Path(path)
     where, text = shown(path), read_text(path)
     source = source or f"camera file {where}"
     found = _recognise(text, path, where, image_size)

@@ -60,13 +60,14 @@ def choose_camera(root: Path, camera_path: Path | None, frames: tuple[Frame, ...
     if camera := given_camera(root, camera_path, frames, depth_scale=5000.0):
         return camera
     for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
-        if (root / name).exists() and (family := freiburg_family(_header(root / name))):
+        if (root / name).exists() and (family := freiburg_family(table_header(root / name))):
             return freiburg_camera(family, f"the header of {name}")
     if family := freiburg_family(root.name):
         return freiburg_camera(family, "the folder's name")
     return default_camera()
 
 
-def _header(path: Path) -> str:
+def table_header(path: Path) -> str:
+    """The comments in the first lines of a table."""
     text = read_bytes(path).decode("utf-8", "replace")
     return "\n".join(line for line in text[:4096].split("\n") if line.startswith("#"))

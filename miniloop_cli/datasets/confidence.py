@@ -1,0 +1,105 @@
+"""Depth that comes with a map of how far its sensor trusts each reading: what is not trusted is no reading.
+
+ARKit gives three levels: 0 low, 1 medium, 2 high. Record3D, Stray Scanner and ARKitScenes store these numbers; Polycam
+stores 0, 127 and 255. Polycam's documentation advises to filter out the low ones, and Stray Scanner's own viewer does
+(github.com/PolyCam/polyform, README.md; github.com/kekeblom/StrayVisualizer, `--confidence` 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.image_source import ImageHeader, ImageSource
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
+from miniloop_cli.typing import Bytes
+
+MIN_CONFIDENCE, HIGHEST = 1, 2
+WORDS = ("low", "medium", "high")
+
+
+@dataclass(frozen=True)
+class ConfidentDepth:
+    """A depth image without the readings whose confidence is below `least` (1 medium, 2 high): they become 0."""
+
+    depth: ImageSource
+    confidence: ImageSource
+    least: int = MIN_CONFIDENCE
+
+    @property
+    def name(self) -> str:
+        return self.depth.name
+
+    def header(self) -> ImageHeader:
+        return self.depth.header()
+
+    def read(self) -> NDArray[Any]:
+        stored = self.depth.read()
+        try:
+            level = levels(self.confidence.read())
+        except InputError as error:
+            raise InputError(f"its confidence map: {error}") from None
+        if level.shape != stored.shape[:2]:
+            sizes = [f"{shape[1]} x {shape[0]}" for shape in (stored.shape, level.shape)]
+            raise InputError(f"depth is {sizes[0]}, its confidence map {sizes[1]}")
+        return np.where(level >= self.least, stored, stored.dtype.type(0))
+
+    def fingerprint(self) -> str:
+        return f"{self.depth.fingerprint()}/{self.confidence.fingerprint()}>={self.least}"
+
+
+def levels(stored: NDArray[Any]) -> Bytes:
+    """(h, w) levels 0 to 2 of a stored map. Raises InputError (reason only) for what is no map of confidence.
+
+    A map with values above 2 is Polycam's: 0 is low, 255 high, and what lies between is medium.
+    """
+    if stored.ndim != 2 or stored.dtype != np.uint8:
+        raise InputError("it must have one channel of 8 bits")
+    if stored.max(initial=0) <= HIGHEST:
+        return stored
+    return (stored > 0).astype(np.uint8) + (stored == 255)
+
+
+def with_confidence(
+    frames: tuple[Frame, ...], maps: Mapping[ImageSource, ImageSource], where: str
+) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
+    """Frames whose depth goes by its confidence map (`maps`: by depth image), and a note; `where` names the maps."""
+    if not maps:
+        return frames, ()
+    used = [replace(f, depth=ConfidentDepth(f.depth, maps[f.depth])) if f.depth in maps else f for f in frames]
+    count = sum(isinstance(frame.depth, ConfidentDepth) for frame in used)
+    if count == len(frames):
+        return tuple(used), (_note(where, MIN_CONFIDENCE),)
+    text = (
+        f"{where} has maps for {count} of {len(frames)} frames: the depth of the others is used whatever its confidence"
+    )
+    return tuple(used), (_note(where, MIN_CONFIDENCE), Note(NoteKind.DROPPED, text))
+
+
+def with_min_confidence(sequence: Sequence, least: int) -> Sequence:
+    """The sequence with another least confidence than the usual one: the setting `depth.min_confidence`."""
+    maps = {note: _note(where, least) for note in sequence.notes if (where := _where(note))}
+    if least == MIN_CONFIDENCE or not maps:
+        return sequence
+    frames = tuple(
+        replace(frame, depth=replace(frame.depth, least=least)) if isinstance(frame.depth, ConfidentDepth) else frame
+        for frame in sequence.frames
+    )
+    return replace(sequence, frames=frames, notes=tuple(maps.get(note, note) for note in sequence.notes))
+
+
+_SAID = " tells how far each depth reading is trusted: "
+
+
+def _note(where: str, least: int) -> Note:
+    what = f"those of {' and '.join(WORDS[:least])} confidence are no readings" if least else "all are used"
+    return Note(NoteKind.CONVERTED, f"{where}{_SAID}{what} (depth.min_confidence = {least})")
+
+
+def _where(note: Note) -> str:
+    return note.text.partition(_SAID)[0] if _SAID in note.text else ""

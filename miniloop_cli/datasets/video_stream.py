@@ -1,0 +1,49 @@
+"""The frames of a video as a stream of images that belong to numbered depth images, one to one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.datasets.paths import shown
+from miniloop_cli.datasets.stamps import SECONDS
+from miniloop_cli.datasets.stream import Stream
+from miniloop_cli.datasets.video import video_frames
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.typing import Ints
+
+
+def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: str) -> tuple[Stream, tuple[Note, ...]]:
+    """The frames of a video, the k-th with the k-th of the sorted numbers of the depth images, and notes.
+
+    `times_s`: the times of frames by number, from the file called `table`; the video's own clock where there are none.
+    Raises InputError for a video that cannot be read, and where no frame has a time.
+    """
+    frames, own_s = video_frames(path)
+    name, count, notes = shown(path.name), len(frames), []
+    if count != len(depth):
+        text = f"{name} has {count} frames, and there are {len(depth)} depth images: they are paired in their order"
+        notes.append(Note(NoteKind.ASSUMED, text))
+    beyond = depth[-1] + 1 + np.arange(max(count - len(depth), 0))
+    numbers = np.concatenate([depth[:count], beyond])
+    if times_s:
+        timed = np.array([number in times_s for number in numbers.tolist()])
+        if not timed.any():
+            raise InputError(f"{table} has {len(times_s)} rows, none for the frames of {name}")
+        if not timed.all():
+            text = f"{int((~timed).sum())} of {count} frames of {name} have no row in {table}: they are not used"
+            notes.append(Note(NoteKind.DROPPED, text))
+        frames, numbers = tuple(frames[k] for k in np.flatnonzero(timed)), numbers[timed]
+        times = np.array([times_s[number] for number in numbers.tolist()])
+        if (np.diff(times) <= 0).any():
+            raise InputError(f"{table}: the times do not increase from frame to frame")
+    else:
+        times = own_s - own_s[0]
+        notes.append(
+            Note(NoteKind.ASSUMED, f"no file gives the times of frames: those of {name} are used, from 0 s on")
+        )
+    places = tuple(f"{name}:{number}" for number in numbers.tolist())
+    return Stream(name, frames, places, numbers, times, SECONDS), tuple(notes)
