@@ -39,7 +39,14 @@ class OneOf:
 def choices(field: FieldInfo) -> tuple[Any, ...]:
     """The values that a setting may have, where it has a fixed choice; else none."""
     named = [item for item in field.metadata if isinstance(item, OneOf)]
-    return tuple(named[0].names) if named else get_args(field.annotation)
+    if named:
+        return tuple(named[0].names)
+    # A union of names and a switch: Literal["auto"] | bool.
+    return tuple(value for part in get_args(field.annotation) for value in _values(part))
+
+
+def _values(part: Any) -> tuple[Any, ...]:
+    return (True, False) if part is bool else get_args(part) or (part,)
 
 
 class Depth(Section):
@@ -62,6 +69,18 @@ class Features(Section):
     count: int = Field(3000, ge=16, description="Strongest features kept in a scan.")
     contrast: float = Field(
         0.02, gt=0, description="SIFT: contrast threshold; lower finds more in dim or plain images."
+    )
+
+
+class Tracking(Section):
+    """Whole recordings: points are followed, and only keyframes are matched."""
+
+    enabled: Literal["auto"] | bool = Field(
+        "auto", description="auto: where frames follow each other closely; false: every frame is a scan of its own."
+    )
+    points: int = Field(300, ge=50, description="Points that are followed from each keyframe.")
+    min_followed: float = Field(
+        0.4, gt=0, lt=1, description="A frame becomes a keyframe when a smaller share of the last one's points is left."
     )
 
 
@@ -189,6 +208,9 @@ class Bundle(Section):
     radius_px: float = Field(8.0, gt=0, description="Search radius around a feature's predicted position (px).")
     max_distance2: float = Field(0.3, gt=0, description="Largest squared descriptor distance of a guided match.")
     min_frames: int = Field(3, ge=2, description="Number of scans that a track must be seen in.")
+    followed_per_frame: int = Field(
+        120, ge=12, description="Whole recordings: followed points that each frame takes part with, at least."
+    )
     depth_sigma_factor: float = Field(2.0, gt=0, description="Depth noise as a multiple of the sensor model.")
     timing: bool = Field(
         True,
@@ -223,6 +245,7 @@ class Settings(Section):
 
     depth: Depth = Depth()
     features: Features = Features()
+    tracking: Tracking = Tracking()
     matching: Matching = Matching()
     ransac: Ransac = Ransac()
     verification: Verification = Verification()

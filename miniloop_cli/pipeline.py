@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from miniloop_cli.config import Settings
-from miniloop_cli.refinement.inputs import Refined
+from miniloop_cli.refinement.inputs import Between, Refined
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
@@ -14,6 +16,7 @@ from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.registration import Registration, RegistrationError
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
+from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
@@ -21,6 +24,8 @@ from miniloop_cli.stages.match import match
 from miniloop_cli.stages.refine import refine
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_edges import solve_edges
+from miniloop_cli.stages.track import track
+from miniloop_cli.tracking.all_frames import in_frames, keyframes_only, of_all_frames, priors_of, with_followed
 from miniloop_cli.verification.priors import apply_priors
 
 NO_PRIORS = Priors()
@@ -35,6 +40,11 @@ def register(
     Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
     watch, run, estimation = Stopwatch(), Run(store, workers, seed), settings.estimation
+    whole, of_whole = sequence, priors
+    with watch.stage("tracking"):
+        tracked = follow(sequence, settings, run)
+    if tracked:
+        sequence, priors = keyframes_only(sequence, tracked.keyframes), priors_of(priors, tracked.keyframes)
     with watch.stage("features"):
         scans = extract(sequence, settings.features, settings.depth, run)
     with watch.stage("matching"):
@@ -52,37 +62,51 @@ def register(
             more = guided_matching(poses, edges, scans, estimation, settings.bundle, min_matches, run)
             if more is not edges:
                 poses, edges = average(more, scans, settings.averaging, photometric)
+        if tracked and (more := with_followed(edges, tracked)) is not edges:
+            poses, edges = average(more, scans, settings.averaging, photometric)
+    between = Between.of(tracked, whole, vertical, of_whole.accelerometer) if tracked else None
+    found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked)
     if len(poses.registered) < 2:
-        unknown = Refined(poses, np.full((len(scans), 6, 6), np.nan))
-        raise RegistrationError(
-            _why_nothing(scans, edges, settings), _registration(scans, edges, unknown, settings, seed, watch, notes)
-        )
+        poses = tracked.all_poses(poses) if tracked else poses
+        unknown = Refined(poses, np.full((len(poses.component), 6, 6), np.nan))
+        raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
-        refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run)
-    return _registration(scans, edges, refined, settings, seed, watch, notes)
+        refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run, between)
+    return found(refined)
+
+
+def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
+    """What was followed through a whole recording; None for scans without order, and where pairs are listed."""
+    if settings.matching.pairs not in ("auto", "exhaustive"):
+        return None
+    return track(sequence, settings.depth, settings.tracking, run)
 
 
 def _registration(
     scans: ScanSet,
     edges: EdgeTable,
-    refined: Refined,
     settings: Settings,
     seed: int,
     watch: Stopwatch,
     notes: tuple[Note, ...],
+    whole: Sequence,
+    tracked: Tracked | None,
+    refined: Refined,
 ) -> Registration:
+    """The run, by frames of the whole recording."""
     return Registration(
-        scans.sequence,
+        whole,
         settings,
         seed,
-        list(scans.extracted),
-        edges,
+        of_all_frames(scans.extracted, tracked) if tracked else list(scans.extracted),
+        in_frames(edges, tracked.keyframes) if tracked else edges,
         refined.poses,
         refined.covariance,
         refined.timing,
         watch.seconds,
         watch.cpu_seconds,
         notes,
+        tracked.status if tracked else None,
     )
 
 

@@ -164,6 +164,11 @@ def register(
         raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
 
 
+def _followed_words(numbers: dict[str, Any]) -> str:
+    """That points were followed through the recording, and what became a keyframe."""
+    return f"{numbers['keyframes']}; points were followed through the frames between them"
+
+
 def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> None:
     """What was found, as a table that fits 80 columns; the verdict last."""
     import numpy as np
@@ -175,6 +180,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
     solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]
     rows = {
         "registered": f"{numbers['registered']} of {numbers['frames']} frames",
+        **({"keyframes": _followed_words(numbers)} if numbers["keyframes"] < numbers["frames"] else {}),
         "camera": numbers["camera"],
         "edges": f"{numbers['edges']} verified; pairs by solver, verified or not: "
         + ", ".join(f"{k} {count}" for k, count in solved),

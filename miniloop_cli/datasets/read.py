@@ -13,7 +13,6 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.geometry.depth_registration import register_depth
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
@@ -81,6 +80,9 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     for value in sequence.depth_format.no_reading:
         depth_m[stored == np.asarray(value, stored.dtype)] = 0
     if own := sequence.depth_camera:
+        # Most recordings come registered, and need not wait for a compiler.
+        from miniloop_cli.geometry.depth_registration import register_depth
+
         depth_m = register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
     if mask is not None:
         depth_m[mask] = 0

@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from miniloop_cli.geometry import fisheye, radial_tangential
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.lens_kernels import distort_fisheye, distort_radial_tangential
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Floats32
 
@@ -78,9 +78,9 @@ def _project(
             a = (R[0, 0] * x + R[0, 1] * y + R[0, 2] * d + t[0]) / zc
             b = (R[1, 0] * x + R[1, 1] * y + R[1, 2] * d + t[1]) / zc
             if lens == 1:
-                a, b = radial_tangential.distort_point(a, b, c, limit)
+                a, b = distort_radial_tangential(a, b, c, limit)
             elif lens == 2:
-                a, b = fisheye.distort_point(a, b, c, limit)
+                a, b = distort_fisheye(a, b, c, limit)
             px[v, u, 0], px[v, u, 1] = K[0] * a + K[2], K[1] * b + K[3]
             z[v, u] = zc
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from miniloop_cli.geometry.monotone import first_root, invert_increasing
-from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 Coefficients = tuple[float, ...]
@@ -29,19 +28,6 @@ def distort(xy: Floats, c: Coefficients) -> Floats:
     scale = np.divide(measured, radius, out=np.ones_like(radius), where=radius > 0)
     scale[~(theta <= limit(c)[0])] = np.nan
     return xy * scale[:, None]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def distort_point(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
-    """`distort` of one point for kernels, with the first number of `limit`."""
-    radius = np.sqrt(x * x + y * y)
-    theta = np.arctan(radius)
-    if not theta <= limit:
-        return np.nan, np.nan
-    s = theta * theta
-    measured = theta * (1.0 + s * (c[0] + s * (c[1] + s * (c[2] + s * c[3]))))
-    scale = measured / radius if radius > 0 else 1.0
-    return x * scale, y * scale
 
 
 def limit(c: Coefficients) -> tuple[float, float]:

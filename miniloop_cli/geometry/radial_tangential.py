@@ -10,7 +10,6 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from miniloop_cli.geometry.monotone import first_root, invert_increasing
-from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
 Coefficients = tuple[float, ...]
@@ -34,17 +33,6 @@ def distort(xy: Floats, c: Coefficients) -> Floats:
         bent = np.stack([bent_x, y * g + p1 * (s + 2 * y * y) + 2 * p2 * x * y], 1)
     bent[~(s <= limit(c)[0] ** 2)] = np.nan
     return bent
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def distort_point(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
-    """`distort` of one point for kernels, with eight coefficients and the first number of `limit`."""
-    s = x * x + y * y
-    if not s <= limit * limit:
-        return np.nan, np.nan
-    g = (1.0 + s * (c[0] + s * (c[1] + s * c[4]))) / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
-    bent_x = x * g + 2 * c[2] * x * y + c[3] * (s + 2 * x * x)
-    return bent_x, y * g + c[2] * (s + 2 * y * y) + 2 * c[3] * x * y
 
 
 def jacobian(xy: Floats, c: Coefficients) -> Floats:

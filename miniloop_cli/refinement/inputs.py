@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 
 from miniloop_cli.geometry.camera import Camera
@@ -10,7 +10,9 @@ from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.priors import Accelerometer, Vertical
+from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.timing import Timing
+from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.typing import Floats
 
 
@@ -21,8 +23,8 @@ class Scans:
     `vertical`: what an accelerometer says, where there was one.
     """
 
-    features: Sequence[ScanFeatures]
-    points: Sequence[ScanPoints]
+    features: Many[ScanFeatures]
+    points: Many[ScanPoints]
     stamps_s: Floats
     depth_stamps_s: Floats
     camera: Camera
@@ -33,6 +35,27 @@ class Scans:
     def accelerometer(self) -> Accelerometer | None:
         """Readings in the camera's axes, where there are any."""
         return self.vertical.accelerometer if self.vertical else None
+
+
+@dataclass(frozen=True)
+class Between:
+    """A whole recording of n frames, of which the scans are the keyframes: what was followed through all of them.
+
+    T_cam_key (n, 4, 4), `key` (n,) and `seen` as in Tracked; stamps of all frames (n,) seconds.
+    """
+
+    tracked: Tracked
+    stamps_s: Floats
+    depth_stamps_s: Floats
+    accelerometer: Accelerometer | None = None  # in the camera's axes
+
+    @staticmethod
+    def of(
+        tracked: Tracked, whole: Sequence, vertical: Vertical | None, accelerometer: Accelerometer | None
+    ) -> Between:
+        """`whole`: the recording; `vertical`: what the keyframes showed of its `accelerometer`'s axes."""
+        turned = accelerometer.turned(vertical.R_cam_sensor) if vertical and accelerometer else None
+        return Between(tracked, whole.stamps_s, whole.depth_stamps_s, turned)
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
+from miniloop_cli.refinement.followed import followed_measurements, joined, motions, weakly_measured
 from miniloop_cli.refinement.gravity import upright
-from miniloop_cli.refinement.inputs import Refined, Scans
+from miniloop_cli.refinement.inputs import Between, Refined, Scans
+from miniloop_cli.refinement.motion_term import MotionTerm
+from miniloop_cli.refinement.pose_equations import term_pairs
 from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.terms import PoseTerm
@@ -26,6 +28,7 @@ from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.timing import Timing
+from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
@@ -36,12 +39,21 @@ SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_to
 
 
 def refine_jointly(
-    poses: Poses, inside: EdgeTable, scans: Scans, method: Refinement, settings: Bundle, workers: Workers
+    poses: Poses,
+    inside: EdgeTable,
+    scans: Scans,
+    method: Refinement,
+    settings: Bundle,
+    workers: Workers,
+    between: Between | None = None,
 ) -> Refined:
-    """Refined poses of the largest component, by the method, from the edges used inside of it."""
+    """Refined poses of the largest component, by the method, from the edges used inside of it.
+
+    `between`: of a whole recording, whose keyframes the scans are; then the poses are those of all frames.
+    """
     if method == "bundle":
         if len(poses.registered) <= settings.max_scans:
-            bundled = _bundle(poses, inside, scans, settings, workers)
+            bundled = _bundle(poses, inside, scans, settings, workers, between)
             if bundled:
                 return bundled
         else:
@@ -49,7 +61,13 @@ def refine_jointly(
                 "more than %d scans (bundle.max_scans): the pose graph is refined, without bundle adjustment",
                 settings.max_scans,
             )
-    return _over_edges(poses, inside, scans)
+    refined = _over_edges(poses, inside, scans)
+    if between is None:
+        return refined
+    of_all = between.tracked.all_poses(refined.poses)
+    covariance = np.full((len(of_all.component), 6, 6), np.nan)
+    covariance[between.tracked.keyframes] = refined.covariance
+    return Refined(of_all, covariance, refined.timing)
 
 
 def level(poses: Poses, scans: Scans) -> tuple[Poses, list[PoseTerm]]:
@@ -83,11 +101,13 @@ def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timin
     return Refined(Poses(T_world_cam, poses.component), covariance, timing)
 
 
-def _bundle(poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, workers: Workers) -> Refined | None:
+def _bundle(
+    poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, workers: Workers, between: Between | None
+) -> Refined | None:
     """Bundle adjustment of the edges' tracks, then of guided tracks, then with the timing undone.
 
     Where scans lie so far apart that hardly a point is seen three times, tracks of two scans must do; None if these,
-    too, do not tie all scans to each other.
+    too, do not tie all scans to each other. The frames between keyframes take part with the points followed in them.
     """
     jobs = workers.threads
     used = [(int(i), int(j)) for i, j in inside.pairs]
@@ -97,29 +117,53 @@ def _bundle(poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, wor
 
     pairs = partners(T, poses.registered, scans.points, scans.camera, settings.partners)
     matches = _guided(T, pairs, scans, settings, workers)
-    tracked = _measure(pairs, matches, scans, settings.min_frames)
+    followed = between and followed_measurements(between, scans.camera, settings.followed_per_frame)
+
+    def measured(pairs: Sequence[Pair], matches: Sequence[Ints], min_frames: int) -> Measurements:
+        of_scans = _measure(pairs, matches, scans, min_frames)
+        return joined(of_scans, between.tracked.keyframes, followed) if between and followed else of_scans
+
+    tracked = measured(pairs, matches, settings.min_frames)
+    stamps_s, accelerometer = scans.stamps_s, scans.accelerometer
+    if between:
+        poses = between.tracked.all_poses(Poses(T, poses.component))
+        T, stamps_s, accelerometer = poses.T_world_cam, between.stamps_s, between.accelerometer
     known = poses.component == 0
-    if not tied(tracked, known):
+    terms: list[MotionTerm] = []
+    if between:
+        weak = weakly_measured(between, known, tracked)
+        loose = untied(tracked, known, motions(between, known, weak))
+        terms = motions(between, known, np.union1d(weak, loose))
+    if len(untied(tracked, known, terms)):
         more = sorted(set(used) - set(pairs))
-        tracked = _measure(pairs + more, matches + _guided(T, more, scans, settings, workers), scans, 2)
-        if not tied(tracked, known):
+        tracked = measured(pairs + more, matches + _guided(T, more, scans, settings, workers), 2)
+        if len(untied(tracked, known, terms)):
             return None
     fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)
-    moving, timing = MovingCamera(scans.camera, scans.stamps_s, known, scans.accelerometer), NO_TIMING
+    moving, timing = MovingCamera(scans.camera, stamps_s, known, accelerometer, tuple(terms)), NO_TIMING
     if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
-    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, settings.motion)
+    # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
+    feel = settings.motion and between is None
+    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
     return _refined(result, poses, timing)
 
 
-def tied(measured: Measurements, known: Bools) -> bool:
-    """Whether chains of scans that share MIN_SHARED tracks join all of the `known` scans (n,)."""
+def untied(measured: Measurements, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:
+    """Of the `known` scans (n,), those that no chain of shared tracks or terms joins to most of the others.
+
+    A link of the chain is MIN_SHARED tracks that two scans share, or a term.
+    """
     ones = np.ones(len(measured.track))
     seen = coo_array(
         (ones, (measured.track, measured.frame)), shape=(int(measured.track.max(initial=-1)) + 1, len(known))
     )
-    shared = (seen.T @ seen) >= MIN_SHARED
-    return len(np.unique(connected_components(shared, directed=False)[1][known])) == 1
+    shared = ((seen.T @ seen) >= MIN_SHARED).tocoo()
+    different = shared.row < shared.col
+    pairs = np.concatenate([np.stack([shared.row, shared.col], axis=1)[different], term_pairs(terms)])
+    group = components(len(known), pairs)
+    most = np.bincount(group[known]).argmax() if known.any() else 0
+    return np.flatnonzero(known & (group != most))
 
 
 def _guided(T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Bundle, workers: Workers) -> list[Ints]:

@@ -35,13 +35,14 @@ NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 class MovingCamera:
     """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,).
 
-    `accelerometer`: readings in the camera's axes, where there are any.
+    `accelerometer`: readings in the camera's axes, where there are any. `terms`: what is known of the poses beside.
     """
 
     camera: Camera
     stamps_s: Floats
     known: Bools
     accelerometer: Accelerometer | None = None
+    terms: tuple[PoseTerm, ...] = ()
 
     def path_twists(self, T_world_cam: Floats) -> Twists:
         """Velocities (n, 3) of the path through the poses (n, 4, 4)."""
@@ -78,10 +79,10 @@ def adjust_upright(
     if moving.accelerometer is not None:
         found = upright(moving.accelerometer, T, moving.stamps_s, moving.known)
     if found is None:
-        return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points)
+        return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points, moving.terms)
     T = found.T_up_world @ T
     points = None if points is None else se3.transform(found.T_up_world, points)
-    return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points, [found.term])
+    return adjust(T, measured, moving.camera, settings, jobs, px, z_m, points, [found.term, *moving.terms])
 
 
 def adjust_moving(
@@ -98,7 +99,7 @@ def adjust_moving(
     if timing != NO_TIMING:
         return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
     even = replace(rough, relative_tolerance=fine.relative_tolerance)
-    plain = adjust(T, measured, moving.camera, even, jobs)
+    plain = adjust(T, measured, moving.camera, even, jobs, pose_terms=moving.terms)
     T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
     if feel and on_path.sum() <= moving.known.sum() / 2:
         images_only = replace(moving, accelerometer=None)
@@ -116,7 +117,7 @@ def _undone(
     px, z_m = corrected(measured, moving.flow(measured, T, motion), timing, moving.camera)
     points, unsure = None, np.zeros((len(T), 6, 6))
     for _ in range(FELT_STEPS if feel else 0):
-        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points)
+        result = adjust(T, measured, moving.camera, rough, jobs, px, z_m, points, moving.terms)
         T, points, path = result.T_world_cam, result.points_world, moving.path_twists(result.T_world_cam)
         motion, unsure = estimate_velocities(path, motion, measured, result, timing, moving.camera, rough)
         px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
@@ -149,12 +150,14 @@ def calibrate(
     settings = replace(rough, relative_tolerance=REST)
     sigma_z_m = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
     # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
-    plain = result = adjust(T, part, moving.camera, settings, jobs)
+    plain = result = adjust(T, part, moving.camera, settings, jobs, pose_terms=moving.terms)
     times, step, before, hessian = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((2, 2))
     for k in range(MOST_STEPS):
         path_flow = _path_flow(moving, part, result)
         px, z_m = corrected(part, path_flow, Timing(*times), moving.camera)
-        result = adjust(result.T_world_cam, part, moving.camera, settings, jobs, px, z_m, result.points_world)
+        result = adjust(
+            result.T_world_cam, part, moving.camera, settings, jobs, px, z_m, result.points_world, moving.terms
+        )
         gradient, alone = slopes(part, path_flow, result, settings.sigma_px, sigma_z_m)
         hessian = _learned(hessian, step, gradient - before) if k else FOLLOWING * np.diag(alone)
         if k > 1 and np.abs(step).max() < SETTLED_S:

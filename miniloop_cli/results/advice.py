@@ -42,7 +42,8 @@ def _scale_advice(data: RunColumns) -> list[str]:
 
 
 def _few_edges(data: RunColumns) -> list[str]:
-    if len(data.edges.worst_first) >= 2 * len(data.frames):
+    matched = int(np.isfinite(data.frames.keypoints).sum())  # no edge leads to frames that were only followed
+    if len(data.edges.worst_first) >= 2 * matched:
         return []
     return ["Few edges hold the frames together: a recording that returns to known places is more accurate."]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets import open_sequence, read_ground_truth
+from miniloop_cli.datasets.archive_path import is_archive
 from miniloop_cli.datasets.open import recognise
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import InputError, MiniloopError
@@ -49,7 +50,8 @@ def ground_truth(path: Path, frames_s: Floats, folder: Results | None, follow_li
     `frames_s`: (n,) stamps of the poses to be measured; `folder`: their run, which knows the frames by number.
     """
     file = path if path.is_file() else path / "groundtruth.txt"
-    if file.is_file() and (path.is_dir() or recognise(path) is None):
+    recording = path.is_file() and (is_archive(path) or recognise(path) is not None)
+    if file.is_file() and not recording:
         return read_trajectory(file, frames_s, lambda: _numbered(path, frames_s, folder, follow_links))
     sequence = open_sequence(path, follow_links=follow_links)
     truth = read_ground_truth(sequence)

@@ -62,8 +62,8 @@ def write_g2o(
 
 
 def pose_rows(T: Floats) -> list[str]:
-    """(n, 4, 4) poses as "x y z qx qy qz qw"."""
-    return _lines(se3.to_rows(T), 12)
+    """(n, 4, 4) poses as "x y z qx qy qz qw", to a nanometre and a nanoradian: the same wherever they were computed."""
+    return _lines(np.round(se3.to_rows(T), 9) + 0.0, 12)  # and zero has one sign
 
 
 def _lines(numbers: Floats, digits: int) -> list[str]:

@@ -14,19 +14,21 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.poses import residuals
 from miniloop_cli.scene.registration import Registration
+from miniloop_cli.scene.tracked import TrackStatus
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Bools, Floats
 
 FRAME_COLUMNS = tuple(
     """
     index timestamp keypoints with_depth depth_valid_share median_depth_m registered component sigma_rot_deg
-    sigma_trans_m status reason
+    sigma_trans_m status reason found_by
     """.split()
 )
 
 
 def frame_rows(run: Registration) -> Iterator[Sequence[Any]]:
     """A row a frame: features, depth, uncertainty of its pose, or why it is not in the trajectory."""
+    matched = np.isin(np.arange(len(run.scans)), run.scan_frames)
     for index, scan in enumerate(run.scans):
         component = int(run.poses.component[index])
         sigma = np.sqrt(np.diag(run.covariance[index]))
@@ -34,16 +36,26 @@ def frame_rows(run: Registration) -> Iterator[Sequence[Any]]:
         yield (
             index,
             f"{run.sequence.frames[index].timestamp_s:.6f}",
-            len(scan.features),
-            scan.features.with_depth,
-            f"{scan.depth_valid_share:.4f}",
-            f"{scan.median_depth_m:.3f}",
+            len(scan.features) if matched[index] else "",
+            scan.features.with_depth if matched[index] else "",
+            f"{scan.depth_valid_share:.4f}" if matched[index] else "",
+            f"{scan.median_depth_m:.3f}" if matched[index] else "",
             int(component == 0),
             component,
             f"{np.degrees(np.linalg.norm(sigma[:3])):.4f}" if known else "",
             f"{np.linalg.norm(sigma[3:]):.5f}" if known else "",
             *frame_status(run, index),
+            _found_by(run, index),
         )
+
+
+def _found_by(run: Registration, index: int) -> str:
+    """How a frame got its pose: matched with others, as a keyframe or as a scan, or followed between keyframes."""
+    if run.poses.component[index] < 0:
+        return ""
+    if run.tracking is None:
+        return "matched"
+    return "keyframe" if run.tracking[index] == TrackStatus.KEYFRAME else "tracked"
 
 
 def frame_status(run: Registration, index: int) -> tuple[FrameStatus, str]:
@@ -52,10 +64,13 @@ def frame_status(run: Registration, index: int) -> tuple[FrameStatus, str]:
     if component[index] == 0:
         return FrameStatus.REGISTERED, ""
     if scan.problem:
-        return FrameStatus.UNREADABLE, scan.problem
+        blank = run.tracking is not None and run.tracking[index] == TrackStatus.BLANK
+        return FrameStatus.FEW_FEATURES if blank else FrameStatus.UNREADABLE, scan.problem
     if component[index] > 0:
         size = int((component == component[index]).sum())
         return FrameStatus.OTHER_PIECE, f"joined to {size - 1} other frames, but to none of the trajectory"
+    if run.tracking is not None and run.tracking[index] == TrackStatus.FOLLOWED:
+        return FrameStatus.NOT_VERIFIED, "the keyframe that it was followed from has no pose"
     features, least = scan.features, run.settings.matching.min_matches
     if features.with_depth < least:
         return FrameStatus.FEW_FEATURES, f"{len(features)} features, {features.with_depth} with depth: too few"

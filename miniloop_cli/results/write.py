@@ -23,14 +23,15 @@ from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.ply import write_ply
-from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, write_csv
+from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, frame_status, write_csv
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.scene.verdict import Verdict
-from miniloop_cli.typing import Bytes, Floats, Floats32
+from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 from miniloop_cli.version import __version__
 
 CLOUD = Artifact("cloud", 1)
@@ -72,6 +73,7 @@ def summary(run: Registration) -> dict[str, Any]:
     assessment = assess_run(run)
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
     verdicts = Counter(Verdict(int(number)).label for number in run.edges.verdict)
+    problems = [k for k, scan in enumerate(run.scans) if scan.problem]
     return {
         "sequence": run.sequence.name,
         "recording": str(run.sequence.root),
@@ -81,7 +83,8 @@ def summary(run: Registration) -> dict[str, Any]:
         "registered": len(run.poses.registered),
         "components": len(sizes),
         "component_sizes": sizes.tolist(),
-        "unreadable_frames": sum(bool(scan.problem) for scan in run.scans),
+        "keyframes": len(run.scan_frames),
+        "unreadable_frames": sum(frame_status(run, k)[0] == FrameStatus.UNREADABLE for k in problems),
         "edges": int(run.edges.verified.sum()),
         "verdicts": dict(sorted(verdicts.items())),
         "cycles": pairs_by_solver(run.edges.solver.tolist(), run.settings.cycles.longest),
@@ -122,7 +125,7 @@ def _write_inliers(run: Registration, path: Path) -> None:
     """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
     edges = run.edges
     kept = edges.inliers & np.repeat(edges.open, edges.match_count)
-    counts = np.where(edges.open, edges.inlier_count, 0)
+    counts = np.where(edges.open, edges.inlier_count - edges.followed, 0)
     px = np.concatenate([np.zeros((0, 2)), *(scan.features.px for scan in run.scans)]).astype(np.float32)
     first = np.cumsum([0] + [len(scan.features) for scan in run.scans])  # of each scan in px
     rows = edges.matches[kept]
@@ -139,7 +142,7 @@ def _write_graph(run: Registration, path: Path) -> None:
 
 def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32, Bytes]:
     """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
-    scans = run.poses.registered
+    scans = modelled(run)
     poses = run.poses.T_world_cam[scans]
     inputs = ([run.scans[k].key for k in scans], poses, run.settings.cloud, run.settings.depth)
 
@@ -149,6 +152,11 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32,
 
     kept = store.cached(CLOUD, inputs, fused)
     return kept["points"], kept["colors"]
+
+
+def modelled(run: Registration) -> Ints:
+    """Frames that the model is made of: registered scans; what lies between keyframes shows hardly anything else."""
+    return np.intersect1d(run.poses.registered, run.scan_frames)
 
 
 def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats, Bytes]]:
@@ -170,5 +178,5 @@ def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats,
         p_cam = camera.backproject(ideal(*scan.depth_m.shape)[good], z[good])
         return se3.transform(run.poses.T_world_cam[index], p_cam), scan.color[::stride, ::stride].reshape(-1, 3)[good]
 
-    scans = [int(index) for index in run.poses.registered]
+    scans = modelled(run).tolist()
     return workers.map(points, scans, "building the model", len(scans))

@@ -20,7 +20,8 @@ class Edge:
     `matches` (k, 2) feature rows in i and j, `inliers` (k,); `T_j_i` (4, 4) maps points of scan i into scan j;
     `information` and `covariance` (6, 6) of the perturbation [exp(w) | v] T_j_i; `cycle`: number of the cycle that was
     solved, -1 for a pair; `loops`: loops over verified edges whose agreement verified it; `confirmed`: something beside
-    the images speaks for it, so that it may stand without a loop of edges.
+    the images speaks for it, so that it may stand without a loop of edges; `followed`: points that optical flow
+    followed from i to j and that agree (they are no features, and have no rows).
     """
 
     i: int
@@ -38,6 +39,7 @@ class Edge:
     detail: tuple[float, float] = (0.0, 0.0)
     loops: int = 0
     confirmed: bool = False
+    followed: int = 0
 
     @property
     def pair(self) -> Pair:
@@ -46,8 +48,8 @@ class Edge:
 
     @property
     def inlier_count(self) -> int:
-        """How many matches are inliers."""
-        return int(self.inliers.sum())
+        """How many matches are inliers, or followed points agree."""
+        return int(self.inliers.sum()) + self.followed
 
 
 RAGGED = ("start", "matches", "inliers")  # columns with rows of their own
@@ -59,8 +61,8 @@ class EdgeTable:
 
     i, j, cycle, hypotheses, loops (m,) int; T_j_i (m, 4, 4); information, covariance (m, 6, 6); solver (m,) names;
     verdict, rejection (m,) numbers of Verdict and Rejection; detail (m, 2) the numbers of the rejection;
-    confirmed (m,) bool. `matches` (k, 2) and `inliers` (k,) of all edges one after the other, those of edge e from
-    start[e] to start[e + 1].
+    confirmed (m,) bool; followed (m,) int. `matches` (k, 2) and `inliers` (k,) of all edges one after the other, those
+    of edge e from start[e] to start[e + 1].
     """
 
     i: Ints
@@ -76,6 +78,7 @@ class EdgeTable:
     detail: Floats
     loops: Ints
     confirmed: Bools
+    followed: Ints
     start: Ints
     matches: Ints
     inliers: Bools
@@ -103,6 +106,7 @@ class EdgeTable:
             column("detail", float, 2),
             column("loops", np.int64),
             column("confirmed", bool),
+            column("followed", np.int64),
             ends,
             np.concatenate([np.zeros((0, 2), np.int64), *(edge.matches for edge in edges)]),
             np.concatenate([np.zeros(0, bool), *(edge.inliers for edge in edges)]),
@@ -132,8 +136,9 @@ class EdgeTable:
 
     @property
     def inlier_count(self) -> Ints:
-        """(m,) inliers."""
-        return np.diff(np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start])
+        """(m,) inliers, or followed points that agree."""
+        inliers = np.diff(np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start])
+        return inliers + self.followed
 
     @property
     def verified(self) -> Bools:
@@ -169,6 +174,7 @@ class EdgeTable:
             (float(self.detail[k, 0]), float(self.detail[k, 1])),
             int(self.loops[k]),
             bool(self.confirmed[k]),
+            int(self.followed[k]),
         )
 
     def edges(self) -> list[Edge]:

@@ -34,3 +34,9 @@ class ScanFeatures:
 
     def __len__(self) -> int:
         return len(self.px)
+
+
+_NO_PLACES, _NO_NUMBERS = np.zeros((0, 2)), np.zeros(0)
+NO_FEATURES = ScanFeatures(
+    _NO_PLACES, _NO_PLACES, _NO_NUMBERS, _NO_PLACES, np.zeros(0, bool), np.zeros((0, 128), np.uint8)
+)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from miniloop_cli.scene.sequence import Note
 from miniloop_cli.typing import Floats
@@ -30,11 +32,13 @@ class Accelerometer:
 class Vertical:
     """Readings in the axes of the cameras (x right, y down, z forward), and how far their mean directions are off.
 
-    sigma_deg: at the median, from the edges that the images alone are sure of.
+    sigma_deg: at the median, from the edges that the images alone are sure of. R_cam_sensor (3, 3): from the sensor's
+    own axes into the camera's.
     """
 
     accelerometer: Accelerometer
     sigma_deg: float
+    R_cam_sensor: Floats = field(default_factory=lambda: np.eye(3))
 
     @property
     def up_cam(self) -> Floats:

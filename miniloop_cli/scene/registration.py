@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.scene.edge import EdgeTable
@@ -11,7 +13,8 @@ from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.timing import Timing
-from miniloop_cli.typing import Floats
+from miniloop_cli.scene.tracked import TrackStatus
+from miniloop_cli.typing import Floats, Ints
 
 
 class RegistrationError(MiniloopError):
@@ -30,7 +33,8 @@ class Registration:
     """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
 
     `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
-    `notes`: those of the recording, and what became of gravity and of a pose prior.
+    `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
+    TrackStatus, None where no points were followed.
     """
 
     sequence: Sequence
@@ -44,3 +48,11 @@ class Registration:
     timings_s: dict[str, float] = field(default_factory=dict)
     cpu_timings_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
+    tracking: Ints | None = None
+
+    @property
+    def scan_frames(self) -> Ints:
+        """Frames that were matched as scans, ascending: the keyframes of a whole recording, else all."""
+        if self.tracking is None:
+            return np.arange(len(self.scans))
+        return np.flatnonzero(self.tracking == TrackStatus.KEYFRAME)

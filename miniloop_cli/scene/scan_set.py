@@ -6,8 +6,6 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
@@ -52,9 +50,9 @@ class ScanSet:
     @property
     def stamps_s(self) -> Floats:
         """(n,) colour stamps."""
-        return np.array([frame.timestamp_s for frame in self.sequence.frames])
+        return self.sequence.stamps_s
 
     @property
     def depth_stamps_s(self) -> Floats:
         """(n,) depth stamps; those of colour where depth has none of its own."""
-        return np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in self.sequence.frames])
+        return self.sequence.depth_stamps_s

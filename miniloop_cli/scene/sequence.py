@@ -122,3 +122,13 @@ class Sequence:
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in
     depth_camera: DepthCamera | None = None  # where depth is not registered to colour
     topics: str = ""  # of a bag, as the user named them
+
+    @property
+    def stamps_s(self) -> Floats:
+        """(n,) colour stamps."""
+        return np.array([frame.timestamp_s for frame in self.frames])
+
+    @property
+    def depth_stamps_s(self) -> Floats:
+        """(n,) depth stamps; those of colour where depth has none of its own."""
+        return np.array([frame.depth_timestamp_s or frame.timestamp_s for frame in self.frames])

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
+TRACKED = Artifact("tracked", 10)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
-EDGES = Artifact("edges", 1)
+EDGES = Artifact("edges", 2)
 REPETITION = Artifact("repetition", 1)
-GUIDED = Artifact("guided", 1)
-REFINED = Artifact("refined", 1)
+GUIDED = Artifact("guided", 2)
+REFINED = Artifact("refined", 2)

@@ -14,15 +14,13 @@ from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
 from miniloop_cli.runtime.artifact_store import Arrays, fingerprint
 from miniloop_cli.scene.extracted_scan import ExtractedScan
-from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.features import NO_FEATURES, ScanFeatures
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.thumbnail import View
 from miniloop_cli.stages.artifacts import FEATURES
 from miniloop_cli.stages.run import Run
 
-NO_PLACES, NO_NUMBERS = np.zeros((0, 2)), np.zeros(0)
-NOTHING = ScanFeatures(NO_PLACES, NO_PLACES, NO_NUMBERS, NO_PLACES, np.zeros(0, bool), np.zeros((0, 128), np.uint8))
 FEATURE_COLUMNS, VIEW_COLUMNS = ([column.name for column in fields(kind)] for kind in (ScanFeatures, View))
 How = tuple[Sequence, Features, Depth]
 
@@ -56,7 +54,7 @@ def _extract_scan(how: How, index: int, run: Run, made: Arrays | str | None) -> 
         if not isinstance(kept, str):
             run.store.save(FEATURES, key, kept)
     if isinstance(kept, str):
-        return ExtractedScan(NOTHING, None, 0.0, 0.0, key, kept)
+        return ExtractedScan(NO_FEATURES, None, 0.0, 0.0, key, kept)
     features = ScanFeatures(*(kept[name] for name in FEATURE_COLUMNS))
     view = View(*(kept[f"view_{name}"] for name in VIEW_COLUMNS))
     return ExtractedScan(features, view, float(kept["depth"][0]), float(kept["depth"][1]), key)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.config import Bundle, Refinement
-from miniloop_cli.refinement.inputs import Refined, Scans
+from miniloop_cli.refinement.inputs import Between, Refined, Scans
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
@@ -24,10 +24,12 @@ def refine(
     bundle: Bundle,
     vertical: Vertical | None,
     run: Run,
+    between: Between | None = None,
 ) -> Refined:
     """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
 
-    `vertical`: what an accelerometer says of it; the poses come out level then, z up.
+    `vertical`: what an accelerometer says of it; the poses come out level then, z up. `between`: of a whole
+    recording, whose keyframes the scans are; then the poses are those of all its frames.
     """
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
     inputs = Scans(
@@ -36,17 +38,30 @@ def refine(
     if method == "none" or not len(inside):
         from miniloop_cli.refinement.joint import level
 
-        return Refined(level(poses, inputs)[0], np.full((len(scans), 6, 6), np.nan))
+        poses = level(poses, inputs)[0]
+        poses = between.tracked.all_poses(poses) if between else poses
+        return Refined(poses, np.full((len(poses.component), 6, 6), np.nan))
 
     def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.
         from miniloop_cli.refinement.joint import refine_jointly
 
-        found = refine_jointly(poses, inside, inputs, method, bundle, run.workers)
+        found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between)
         timing_s = np.array([found.timing.readout_s, found.timing.lag_s])
-        return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance, "timing_s": timing_s}
+        columns = {"T_world_cam": found.poses.T_world_cam, "component": found.poses.component}
+        return columns | {"covariance": found.covariance, "timing_s": timing_s}
 
-    key = (scans.key, scans.stamps_s, scans.depth_stamps_s, inputs.accelerometer, poses, inside, method, bundle)
+    key = (
+        scans.key,
+        scans.stamps_s,
+        scans.depth_stamps_s,
+        inputs.accelerometer,
+        poses,
+        inside,
+        method,
+        bundle,
+        between,
+    )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
-    return Refined(Poses(kept["T_world_cam"], poses.component), kept["covariance"], timing)
+    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing)

@@ -66,7 +66,7 @@ def checked(edges: EdgeTable, accelerometer: Accelerometer, settings: Gravity) -
             f"whatever the sensor's axes (best: {_named(axes[best])}); is it of this recording, on the same clock? "
             "Leave --gravity out, or widen gravity.max_median_deg"
         )
-    found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG))
+    found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG), axes[best])
     note = (
         f"gravity is used: {medians[best]:.1f} deg from {len(sure)} sure edges (median), "
         f"with the sensor's axes as {_named(axes[best])}"

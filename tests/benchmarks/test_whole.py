@@ -135,7 +135,7 @@ def test_a_program_that_is_not_there_is_said(recording, tmp_path, monkeypatch):
 def test_a_program_that_fails_is_no_result(recording, tmp_path):
     job = whole.orbslam3_job if importlib.util.find_spec("pyorbslam3") else whole.miniloop_job
     done = job(recording, tmp_path, 0)
-    broken = type(done)(done.part, done.out, [*done.command[:2], str(tmp_path / "nothing"), "--no-such"])
+    broken = type(done)(done.part, done.out, [done.command[0], str(tmp_path / "nothing"), "--no-such"])
     whole.measured.measure(broken.out, broken.command)
     row = whole.result(broken, recording)
     assert row["said"].startswith("failed (2)") and "poses" not in row and row["cpu_s"] > 0

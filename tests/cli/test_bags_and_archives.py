@@ -70,3 +70,15 @@ def test_it_is_registered_as_the_folder_is(tmp_path, recording, registered, kind
     frames = json.loads((tmp_path / "export" / "transforms.json").read_text())["frames"]
     assert len(frames) == len(found.timestamps_s)
     assert all((tmp_path / "export" / frame["file_path"]).is_file() for frame in frames)
+
+
+@pytest.mark.slow
+def test_the_ground_truth_in_an_archive_is_that_of_the_folder(tmp_path, recording, registered):
+    numbers = []
+    for truth in (recording, zipped(recording, tmp_path / "room.zip")):
+        done = launch("eval", registered.folder, "--gt", truth, "--json", "-")
+        assert done.returncode == 0, done.stderr
+        numbers.append(json.loads(done.stdout))
+    assert numbers[0]["ate_rmse_m"] == numbers[1]["ate_rmse_m"] > 0
+    done = launch("eval", registered.folder, "--gt", write_rgbd(tmp_path / "scan.bag"))
+    assert done.returncode == 1 and "comes without ground truth" in done.stderr

@@ -34,6 +34,17 @@ def test_overrides_and_the_default_beside_them():
     assert "(default" not in invoke("config", "show").stdout
 
 
+@pytest.mark.parametrize("given", ["on", "off", "true", "false", "auto"])
+def test_tracking_is_automatic_or_switched_on_or_off(given, tmp_path):
+    meant = {"true": True, "on": True, "false": False, "off": False}.get(given, given)
+    shown = invoke("config", "show", "--set", f"tracking.enabled={given}").stdout
+    assert yaml.safe_load(shown)["tracking"]["enabled"] is meant or meant == "auto"
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"tracking:\n  enabled: {given}\n")
+    assert yaml.safe_load(invoke("config", "show", file).stdout)["tracking"]["enabled"] == meant
+    assert launch("config", "show", "--set", "tracking.enabled=perhaps").returncode == 1
+
+
 def test_schema_is_that_of_the_settings():
     schema = json.loads(invoke("config", "schema").stdout)
     assert schema == Settings.model_json_schema()

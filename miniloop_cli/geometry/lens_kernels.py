@@ -1,0 +1,32 @@
+"""Lenses point by point, for kernels: apart from the lenses themselves, which need no compiler."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.typing import Floats
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distort_radial_tangential(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
+    """`radial_tangential.distort` of one point, with eight coefficients and the first number of its `limit`."""
+    s = x * x + y * y
+    if not s <= limit * limit:
+        return np.nan, np.nan
+    g = (1.0 + s * (c[0] + s * (c[1] + s * c[4]))) / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
+    bent_x = x * g + 2 * c[2] * x * y + c[3] * (s + 2 * x * x)
+    return bent_x, y * g + c[2] * (s + 2 * y * y) + 2 * c[3] * x * y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distort_fisheye(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
+    """`fisheye.distort` of one point, with the first number of its `limit`."""
+    radius = np.sqrt(x * x + y * y)
+    theta = np.arctan(radius)
+    if not theta <= limit:
+        return np.nan, np.nan
+    s = theta * theta
+    measured = theta * (1.0 + s * (c[0] + s * (c[1] + s * (c[2] + s * c[3]))))
+    scale = measured / radius if radius > 0 else 1.0
+    return x * scale, y * scale

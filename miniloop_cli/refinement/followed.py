@@ -1,0 +1,77 @@
+"""Points followed through a whole recording, as measurements of the adjustment of all its frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.refinement.inputs import Between
+from miniloop_cli.refinement.motion_term import MotionTerm
+from miniloop_cli.refinement.timing import Measurements
+from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.typing import Bools, Ints
+
+MIN_MEASURED = 60  # points tell the pose of a frame better than its depth image, which was taken at another time
+MIN_LENGTH = 3  # frames: what a point followed for less says of the motion is little
+
+
+def followed_measurements(between: Between, camera: Camera, per_frame: int) -> Measurements:
+    """Measurements of tracks chosen so that every frame has about `per_frame` of them; tracks numbered from 0."""
+    seen = between.tracked.seen
+    seen = seen.subset(chosen_tracks(seen.frame, seen.track, per_frame)[seen.track])
+    _, track = np.unique(seen.track, return_inverse=True)
+    row_share = (seen.px[:, 1] - (camera.height - 1) / 2) / camera.height
+    lag_s = (between.depth_stamps_s - between.stamps_s)[seen.frame]
+    return Measurements(seen.frame, track, row_share, seen.px_ideal, seen.z_m, seen.slope, lag_s)
+
+
+def chosen_tracks(frame: Ints, track: Ints, per_frame: int) -> Bools:
+    """Which tracks (t,) take part: the longest first, as long as a frame they see has fewer than `per_frame`."""
+    order = np.lexsort((frame, track))
+    start = np.searchsorted(track[order], np.arange(int(track.max(initial=-1)) + 2))
+    longest = np.argsort(-np.diff(start), kind="stable")
+    count = np.zeros(int(frame.max(initial=-1)) + 1, np.int64)
+    return _choose(longest, start, frame[order], count, per_frame, MIN_LENGTH)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _choose(longest: Ints, start: Ints, frame: Ints, count: Ints, per_frame: int, min_length: int) -> Bools:
+    chosen = np.zeros(len(longest), np.bool_)
+    for t in longest:
+        if start[t + 1] - start[t] < min_length:
+            break
+        needed = False
+        for k in range(start[t], start[t + 1]):
+            needed |= count[frame[k]] < per_frame
+        if needed:
+            chosen[t] = True
+            for k in range(start[t], start[t + 1]):
+                count[frame[k]] += 1
+    return chosen
+
+
+def joined(of_keyframes: Measurements, keyframes: Ints, followed: Measurements) -> Measurements:
+    """Measurements of the keyframes' features, and of followed points, by frames of the whole recording."""
+    first = int(of_keyframes.track.max(initial=-1)) + 1
+    parts = replace(of_keyframes, frame=keyframes[of_keyframes.frame]), replace(followed, track=followed.track + first)
+    names = Measurements.__dataclass_fields__
+    return Measurements(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def weakly_measured(between: Between, known: Bools, measured: Measurements) -> Ints:
+    """The frames that are `known` (n,), have few measurements, and whose motion depth and brightness told."""
+    few = np.bincount(measured.frame, minlength=len(known)) < MIN_MEASURED
+    return np.flatnonzero(between.tracked.by_surface & known & few)
+
+
+def motions(between: Between, known: Bools, frames: Ints) -> list[MotionTerm]:
+    """The motions from their keyframes to these frames, where both are `known` (n,)."""
+    tracked = between.tracked
+    frames = frames[(tracked.key[frames] >= 0) & known[frames]]
+    frames = frames[known[tracked.key[frames]]]
+    if not len(frames):
+        return []
+    pairs = np.stack([tracked.key[frames], frames], axis=1)
+    return [MotionTerm.of(pairs, tracked.T_cam_key[frames], tracked.information[frames])]

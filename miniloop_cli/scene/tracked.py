@@ -1,0 +1,163 @@
+"""What following points through a recording has shown: keyframes, motions between frames, places of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.scene.poses import Poses
+from miniloop_cli.typing import Bools, Floats, Ints
+
+COLUMNS = ("status", "problem", "key", "T_cam_key", "information", "support", "by_surface")  # of a part, a row a frame
+
+
+class TrackStatus(IntEnum):
+    """What became of a frame in the front end."""
+
+    FOLLOWED = 0  # points tie it to a keyframe
+    KEYFRAME = 1
+    UNREADABLE = 2
+    BLANK = 3  # black, or of one colour
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Points followed by optical flow, k of them: frame, track (k,); px, px_ideal (k, 2); z_m (k,) or NaN;
+    slope (k, 2) m/px, of depth along the image."""
+
+    frame: Ints
+    track: Ints
+    px: Floats
+    px_ideal: Floats
+    z_m: Floats
+    slope: Floats
+
+    @staticmethod
+    def joined(parts: Sequence[Observations]) -> Observations:
+        """All parts one after the other."""
+        none = Observations(*(np.zeros(0, np.int64),) * 2, *(np.zeros((0, 2)),) * 2, np.zeros(0), np.zeros((0, 2)))
+        return Observations(
+            *(np.concatenate([getattr(p, c.name) for p in (none, *parts)]) for c in fields(Observations))
+        )
+
+    def subset(self, rows: NDArray[Any]) -> Observations:
+        """These rows (indices or a mask)."""
+        return Observations(*(getattr(self, c.name)[rows] for c in fields(Observations)))
+
+
+@dataclass(frozen=True)
+class Link:
+    """The motion between a keyframe and a frame, as in TrackedPart."""
+
+    T_cam_key: Floats
+    information: Floats
+    support: int
+    by_surface: bool = False
+
+
+@dataclass
+class TrackedPart:
+    """The frames first..first + n - 1 of a recording.
+
+    status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the frame that each was followed from, -1 none;
+    T_cam_key (n, 4, 4) from the key's camera to the frame's, information (n, 6, 6) of (w, v) in [exp(w) | v] T_cam_key;
+    support (n,) points that agree on it; by_surface (n,) bool: depth and brightness told it, as no points could.
+    """
+
+    first: int
+    status: Ints
+    problem: NDArray[np.str_]
+    key: Ints
+    T_cam_key: Floats
+    information: Floats
+    support: Ints
+    by_surface: Bools
+    seen: list[Observations] = field(default_factory=list)
+
+    @staticmethod
+    def of(first: int, last: int) -> TrackedPart:
+        """A part of which nothing is known yet."""
+        n = last - first + 1
+        T, information = np.tile(np.eye(4), (n, 1, 1)), np.zeros((n, 6, 6))
+        none, words = np.zeros(n, np.int64), np.full(n, "", "<U400")
+        return TrackedPart(first, none.copy(), words, np.full(n, -1), T, information, none, np.zeros(n, bool))
+
+    def set(self, frame: int, status: TrackStatus, problem: str = "") -> None:
+        self.status[frame - self.first] = status
+        self.problem[frame - self.first] = problem[:400]
+
+    def link(self, frame: int, key: int, motion: Link) -> None:
+        row = frame - self.first
+        self.key[row], self.T_cam_key[row], self.information[row] = key, motion.T_cam_key, motion.information
+        self.support[row], self.by_surface[row] = motion.support, motion.by_surface
+
+    def observe(self, seen: Observations) -> None:
+        self.seen.append(seen)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it by name."""
+        seen = Observations.joined(self.seen)
+        own = {name: getattr(self, name) for name in COLUMNS}
+        return own | {"first": np.array([self.first])} | {f"seen_{c.name}": getattr(seen, c.name) for c in fields(seen)}
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> TrackedPart:
+        """The part that `arrays` gave."""
+        own = {name: arrays[name] for name in COLUMNS}
+        seen = Observations(*(arrays[f"seen_{c.name}"] for c in fields(Observations)))
+        return TrackedPart(first=int(arrays["first"][0]), seen=[seen], **own)
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """All n frames of a recording, as TrackedPart; tracks are numbered through."""
+
+    status: Ints
+    problem: NDArray[np.str_]
+    key: Ints
+    T_cam_key: Floats
+    information: Floats
+    support: Ints
+    by_surface: Bools
+    seen: Observations
+
+    @staticmethod
+    def of(parts: Sequence[TrackedPart]) -> Tracked:
+        """The parts joined; each begins with the frame that the one before ends with."""
+        n = parts[-1].first + len(parts[-1].status)
+        whole, seen, tracks = TrackedPart.of(0, n - 1), [], 0
+        for part in parts:
+            # The frame that two parts share keeps the motion that leads to it, which only the earlier part knows.
+            skip = int(part.first > 0)
+            rows = slice(part.first + skip, part.first + len(part.status))
+            for name in COLUMNS:
+                getattr(whole, name)[rows] = getattr(part, name)[skip:]
+            own = Observations.joined(part.seen)
+            seen.append(Observations(own.frame, own.track + tracks, own.px, own.px_ideal, own.z_m, own.slope))
+            tracks += int(own.track.max(initial=-1)) + 1
+        return Tracked(seen=Observations.joined(seen), **{name: getattr(whole, name) for name in COLUMNS})
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @property
+    def keyframes(self) -> Ints:
+        """Frame numbers of the keyframes, ascending."""
+        return np.flatnonzero(self.status == TrackStatus.KEYFRAME)
+
+    def all_poses(self, keyframe_poses: Poses) -> Poses:
+        """Poses of all frames: those between keyframes by the motion since the one they were followed from."""
+        n, keyframes = len(self), self.keyframes
+        T, component = np.tile(np.eye(4), (n, 1, 1)), np.full(n, -1)
+        T[keyframes], component[keyframes] = keyframe_poses.T_world_cam, keyframe_poses.component
+        between = np.flatnonzero((self.key >= 0) & (self.status == TrackStatus.FOLLOWED))
+        key = self.key[between]
+        T[between] = T[key] @ se3.inverse(self.T_cam_key[between])
+        component[between] = component[key]
+        return Poses(T, component)

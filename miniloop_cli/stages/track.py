@@ -1,0 +1,83 @@
+"""Stage: points followed through a recording whose frames follow each other closely; else there is none."""
+
+from __future__ import annotations
+
+import logging
+from itertools import pairwise
+
+import numpy as np
+
+from miniloop_cli.config import Depth, Tracking
+from miniloop_cli.runtime.artifact_store import Arrays
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
+from miniloop_cli.stages.artifacts import TRACKED
+from miniloop_cli.stages.run import Run
+from miniloop_cli.tracking.front_end import shows_something, track_part
+
+LOG = logging.getLogger("miniloop")
+PART = 96  # frames that are followed in one go: what a killed run has to do again at most
+MIN_FRAMES = 150  # fewer are all matched with each other
+MAX_STEP_S = 0.12  # median time between frames
+PROBES, PROBE_LENGTH = 10, 4  # places where it is tried, and frames at each
+MIN_FOLLOWED_SHARE = 0.5  # of the frames there that show anything
+How = tuple[Sequence, Depth, Tracking]
+
+
+def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tracked | None:
+    """All frames of a recording by the points that were followed through them; None where every frame is a scan."""
+    n, how = len(sequence.frames), (sequence, depth, settings)
+    if n < 3 or settings.enabled is False:
+        return None
+    if settings.enabled == "auto" and not _close(how, run):
+        return None
+    parts = list(pairwise(_ends(sequence)))
+    keys = [_key(how, part, run) for part in parts]
+    found = {part: run.store.load(TRACKED, key) for part, key in zip(parts, keys, strict=True)}
+    missing = [part for part in parts if found[part] is None]
+    made = run.workers.spread(track_arrays, how, missing, "following points", len(missing))
+    for part, arrays in zip(missing, made, strict=True):
+        found[part] = dict(arrays)
+        run.store.save(TRACKED, keys[parts.index(part)], arrays)
+    tracked = Tracked.of([TrackedPart.from_arrays(arrays) for arrays in found.values() if arrays is not None])
+    if len(tracked.keyframes) < 2:  # hardly a frame can be used: as scans, each is said to be so
+        return None
+    LOG.info("%d frames follow each other closely: %d are keyframes", n, len(tracked.keyframes))
+    return tracked
+
+
+def _ends(sequence: Sequence) -> list[int]:
+    """Frames at which the recording is cut into parts: both parts have the frame, so it must show something."""
+    last = len(sequence.frames) - 1
+    even = np.round(np.linspace(0, last, int(np.ceil(last / PART)) + 1)).astype(int).tolist()
+    inner = [next((f for f in range(a, b) if shows_something(sequence, f)), a) for a, b in pairwise(even[1:])]
+    return [0, *inner, last]
+
+
+def _close(how: How, run: Run) -> bool:
+    """Whether points can be followed from frame to frame, tried at a few places of the recording."""
+    frames = how[0].frames
+    steps_s = np.diff([frame.timestamp_s for frame in frames])
+    if len(frames) < MIN_FRAMES or np.median(steps_s) > MAX_STEP_S:
+        return False
+    starts = np.linspace(0, len(frames) - PROBE_LENGTH, PROBES).astype(int).tolist()
+    probes = [(start, start + PROBE_LENGTH - 1) for start in starts]
+    tried = run.workers.map(lambda probe: track_part(*how, *probe), probes, "looking how frames follow", len(probes))
+    inner = np.concatenate([part.status[1:-1] for part in tried])
+    shown = np.isin(inner, (TrackStatus.FOLLOWED, TrackStatus.KEYFRAME))
+    return bool((inner == TrackStatus.FOLLOWED).sum() >= max(MIN_FOLLOWED_SHARE * shown.sum(), 1))
+
+
+def track_arrays(how: How, part: tuple[int, int]) -> Arrays:
+    """What is kept of the frames of one part."""
+    return track_part(*how, *part).arrays()
+
+
+def _key(how: How, part: tuple[int, int], run: Run) -> str:
+    sequence, depth, settings = how
+    frames = sequence.frames[part[0] : part[1] + 1]
+    files = [[source.fingerprint() for source in (f.color, f.depth, f.mask) if source] for f in frames]
+    stamps_s = [frame.timestamp_s for frame in frames]
+    cameras = (sequence.camera, [frame.camera for frame in frames])
+    chosen = settings.model_dump(exclude={"enabled"})  # who asked for it changes nothing
+    return run.store.key(TRACKED, (files, stamps_s, depth, chosen, cameras, sequence.depth_format, part))

@@ -1,0 +1,76 @@
+"""From keyframes to all frames of a recording and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Many
+from dataclasses import replace
+
+import numpy as np
+
+from miniloop_cli.scene.edge import Edge, EdgeTable
+from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.features import NO_FEATURES
+from miniloop_cli.scene.priors import Priors
+from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.tracked import Tracked, TrackStatus
+from miniloop_cli.scene.verdict import Rejection, Verdict
+from miniloop_cli.typing import Ints
+
+FOLLOWED = "followed"  # in the place of a solver's name
+
+
+def keyframes_only(sequence: Sequence, keyframes: Ints) -> Sequence:
+    """The recording of the keyframes alone."""
+    return replace(sequence, frames=tuple(sequence.frames[k] for k in keyframes))
+
+
+def priors_of(priors: Priors, keyframes: Ints) -> Priors:
+    """What is known of the keyframes."""
+    accelerometer, T = priors.accelerometer, priors.T_world_cam
+    of_keyframes = replace(accelerometer, up=accelerometer.up[keyframes]) if accelerometer else None
+    return Priors(of_keyframes, None if T is None else T[keyframes], priors.notes)
+
+
+def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
+    """The edges; of neighbouring keyframes that no verified edge joins, what followed points showed."""
+    keyframes = tracked.keyframes
+    row = np.full(len(tracked), -1)
+    row[keyframes] = np.arange(len(keyframes))
+    verified = set(map(tuple, edges.pairs[edges.verified].tolist()))
+    more = []
+    for j, frame in enumerate(keyframes.tolist()):
+        i = int(row[tracked.key[frame]]) if tracked.key[frame] >= 0 else -1
+        if i < 0 or (i, j) in verified:
+            continue
+        more.append(
+            Edge(
+                i,
+                j,
+                np.zeros((0, 2), np.int64),
+                np.zeros(0, bool),
+                tracked.T_cam_key[frame],
+                tracked.information[frame],
+                np.linalg.pinv(tracked.information[frame]),
+                solver=FOLLOWED,
+                verdict=Verdict.VERIFIED,
+                rejection=Rejection.NONE,
+                confirmed=True,
+                followed=int(tracked.support[frame]),
+            )
+        )
+    return edges.replaced(more) if more else edges
+
+
+def in_frames(edges: EdgeTable, keyframes: Ints) -> EdgeTable:
+    """Edges between keyframes as edges between frames of the whole recording."""
+    return replace(edges, i=keyframes[edges.i], j=keyframes[edges.j])
+
+
+def of_all_frames(keyframes: Many[ExtractedScan], tracked: Tracked) -> list[ExtractedScan]:
+    """What was extracted, a row a frame: nothing from the frames between, but why one of them could not be used."""
+    found = iter(keyframes)
+    nothing = ExtractedScan(NO_FEATURES, None, np.nan, np.nan, "")
+    return [
+        next(found) if status == TrackStatus.KEYFRAME else replace(nothing, problem=problem)
+        for status, problem in zip(tracked.status.tolist(), tracked.problem.tolist(), strict=True)
+    ]

@@ -1,0 +1,233 @@
+"""The front end of whole recordings: points followed through frames, the motion they show, and the keyframes.
+
+Points are followed from the last keyframe, not from frame to frame, so that their places do not drift. A frame becomes
+a keyframe when few of the last one's points are left, so that whatever comes next is tied to it by many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.config import Depth, Tracking
+from miniloop_cli.datasets import read_scan
+from miniloop_cli.errors import InputError
+from miniloop_cli.features.keypoints3d import depth_at, depth_slope, on_outline
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import Scan, Sequence
+from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
+from miniloop_cli.tracking.flow import follow, new_corners
+from miniloop_cli.tracking.motion import MIN_POINTS, frame_motion
+from miniloop_cli.tracking.surface import Surface, make_surface, openness, surface_motion
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
+
+MAX_PREDICTED_S = 0.2  # a motion goes on like this for so long at most
+FEW_POINTS = 60  # with fewer, depth and brightness are asked as well
+MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must see, too
+CELLS_A_POINT = 100  # of a surface: neighbours share their errors
+LAG_S = 0.02  # between a colour image and its depth image
+NO_POINTS = np.zeros((0, 2), np.float32)
+OUTLINE_PX = 7.0  # half of the window by which a point is followed
+LEAST_CONTRAST = 2.0  # standard deviation of the gray values: with less, nothing is seen
+
+
+def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int, last: int) -> TrackedPart:
+    """Follow points through the frames first..last; both ends are keyframes, as far as they can be read."""
+    part = TrackedPart.of(first, last)
+    tracker = _Tracker(sequence.camera, depth, settings, part)
+    for number in range(first, last + 1):
+        try:
+            scan = read_scan(sequence, number)
+        except InputError as error:
+            part.set(number, TrackStatus.UNREADABLE, str(error))
+            continue
+        frame = _Frame(number, scan, _gray(scan), sequence.frames[number].timestamp_s)
+        if float(frame.gray.std()) < LEAST_CONTRAST:
+            part.set(number, TrackStatus.BLANK, f"the image shows nothing (mean {frame.gray.mean():.0f} of 255)")
+            continue
+        tracker.add(frame, number == last)
+    return part
+
+
+def shows_something(sequence: Sequence, number: int) -> bool:
+    """Whether a frame can be read, is not blank, and has depth: others cannot tie what comes before to what follows."""
+    try:
+        scan = read_scan(sequence, number)
+    except InputError:
+        return False
+    return float(_gray(scan).std()) >= LEAST_CONTRAST and bool((scan.depth_m > 0).any())
+
+
+def _gray(scan: Scan) -> Bytes:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+class _Frame(NamedTuple):
+    number: int
+    scan: Scan
+    gray: Bytes
+    stamp_s: float
+
+
+@dataclass
+class _Key:
+    """The keyframe that points are followed from: where they lay in its image and in its camera (NaN: no depth)."""
+
+    frame: _Frame
+    px: Floats32
+    p_key: Floats
+    count: int
+    surface: Surface | None = None  # made when it is needed
+
+
+class _Tracker:
+    """Takes one frame after the other, and writes what it sees of each into a part.
+
+    Row k of the points (`_px`, `_track`, the key's px and p_key) is the same point. `_found`: the points were found in
+    the last frame; else they are where they were seen last.
+    """
+
+    def __init__(self, camera: Camera, depth: Depth, settings: Tracking, part: TrackedPart) -> None:
+        self._camera, self._depth, self._settings, self._part = camera, depth, settings, part
+        self._key: _Key | None = None
+        self._px, self._track = NO_POINTS, np.zeros(0, np.int64)
+        self._found, self._next_track = False, 0
+        self._T_cam_key = np.eye(4)
+        self._step, self._step_s = np.eye(4), 0.0  # the camera's motion in the last frame, and over how many seconds
+        self._stamp_s = 0.0
+
+    def add(self, frame: _Frame, last: bool) -> None:
+        """Tie a frame to the last keyframe, or make it one; the `last` one becomes one in any case."""
+        link, enough = self._linked(frame, self._key) if self._key else (None, False)
+        if self._key and link:
+            self._part.link(frame.number, self._key.frame.number, link)
+            # A surface tells too little of one frame's step to say how the motion goes on.
+            self._step_s = 0.0 if link.by_surface else frame.stamp_s - self._stamp_s
+            self._step = link.T_cam_key @ se3.inverse(self._T_cam_key)
+            self._T_cam_key = link.T_cam_key
+        if not link or not enough or last:
+            self._make_key(frame)
+        self._stamp_s = frame.stamp_s
+        if self._found:
+            self._observe(frame)
+
+    def _linked(self, frame: _Frame, key: _Key) -> tuple[Link | None, bool]:
+        """The motion since the keyframe, None where nothing tells it; and whether the keyframe will do for the next."""
+        predicted = self._predicted(frame.stamp_s - self._stamp_s)
+        link = self._by_points(frame, key, predicted)
+        enough = link is not None and len(self._px) >= self._settings.min_followed * key.count
+        if link and link.support >= FEW_POINTS:
+            return link, enough
+        other, still_seen = self._by_surface(frame, key, link.T_cam_key if link else predicted)
+        if link and not (other and openness(other.information) < openness(link.information)):
+            return link, enough
+        # A keyframe that had points is done with when they are lost, whatever depth still sees of it.
+        return other, enough or (still_seen and key.count < FEW_POINTS)
+
+    def _by_points(self, frame: _Frame, key: _Key, predicted: Floats) -> Link | None:
+        """Follow the points of the keyframe into this image; what is left of them moves together."""
+        self._found = False
+        if len(key.px) < MIN_POINTS:
+            return None
+        before, after = key.frame.gray, frame.gray
+        found, good = follow(before, after, key.px, self._guess(key, predicted), sure=True)
+        if good.sum() < 0.5 * len(key.px):
+            again, good_again = follow(before, after, key.px, self._px, sure=False)
+            if good_again.sum() > good.sum():
+                found, good = again, good_again
+        px = found[good].astype(float)
+        p_key, z_m = key.p_key[good], depth_at(frame.scan.depth_m, px, self._depth)
+        deep = np.isfinite(p_key[:, 2])
+        motion = frame_motion(p_key[deep], self._camera.undistort(px)[deep], z_m[deep], predicted, self._camera)
+        if motion is None:
+            return None
+        agrees = ~deep
+        agrees[deep] = motion.agrees
+        rows = np.flatnonzero(good)[agrees]
+        key.px, key.p_key = key.px[rows], key.p_key[rows]
+        self._px, self._track, self._found = found[rows], self._track[rows], True
+        return Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()))
+
+    def _by_surface(self, frame: _Frame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
+        """The motion by depth and brightness, and whether the next frame can be compared with the same keyframe.
+
+        None where these do not fit, or leave a direction open: a gap is not bridged by a guess.
+        """
+        key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
+        motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
+        if motion is None:
+            return None, False
+        step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
+        information = _with_lag(motion.information, step, frame.stamp_s - self._stamp_s)
+        if openness(information) > 1:
+            return None, False
+        # Where there are points again, they are followed from here on.
+        textured = len(new_corners(frame.gray, NO_POINTS, FEW_POINTS, frame.scan.depth_m > 0)) == FEW_POINTS
+        link = Link(motion.T_cam_key, information, motion.cells // CELLS_A_POINT, True)
+        return link, motion.overlap > MIN_SURFACE and not textured
+
+    def _predicted(self, elapsed_s: float) -> Floats:
+        """T_cam_key (4, 4) of the next frame if the camera goes on as it moved last."""
+        if not 0 < self._step_s <= MAX_PREDICTED_S or not 0 < elapsed_s <= MAX_PREDICTED_S:
+            return self._T_cam_key
+        ratio = elapsed_s / self._step_s
+        turn, move = se3.log_so3(self._step[:3, :3]), self._step[:3, 3]
+        return se3.pose(se3.exp_so3(ratio * turn), ratio * move) @ self._T_cam_key
+
+    def _guess(self, key: _Key, T_cam_key: Floats) -> Floats32:
+        """Where the key's points must be seen (n, 2) px; those without depth move like the others."""
+        p_cam = se3.transform(T_cam_key, np.nan_to_num(key.p_key, nan=1.0))
+        ahead = np.isfinite(key.p_key[:, 2]) & (p_cam[:, 2] > 0.1)
+        guess = self._px.astype(float)
+        if ahead.any():
+            seen = self._camera.distort(self._camera.project(p_cam[ahead]))
+            known = np.isfinite(seen).all(axis=1)
+            rows = np.flatnonzero(ahead)[known]
+            guess += np.median(seen[known] - guess[rows], axis=0) if len(rows) else 0.0
+            guess[rows] = seen[known]
+        return guess.astype(np.float32)
+
+    def _make_key(self, frame: _Frame) -> None:
+        """What is left of the points goes on from this frame, and new ones are added."""
+        if not self._found:
+            self._px, self._track, self._found = self._px[:0], self._track[:0], True
+        allowed = frame.scan.depth_m > 0
+        if frame.scan.mask is not None:
+            allowed &= ~frame.scan.mask
+        more = new_corners(frame.gray, self._px, self._settings.points - len(self._px), allowed)
+        more = more[~_on_outline(frame.scan, more, self._depth)]
+        self._px = np.concatenate([self._px, more])
+        self._track = np.concatenate([self._track, self._next_track + np.arange(len(more))])
+        self._next_track += len(more)
+        px = self._px.astype(float)
+        z_m = depth_at(frame.scan.depth_m, px, self._depth)
+        self._key = _Key(frame, self._px, self._camera.backproject(self._camera.undistort(px), z_m), len(px))
+        self._T_cam_key = np.eye(4)
+        self._part.set(frame.number, TrackStatus.KEYFRAME)
+
+    def _observe(self, frame: _Frame) -> None:
+        px, depth_m = self._px.astype(float), frame.scan.depth_m
+        z_m = depth_at(depth_m, px, self._depth)
+        number, slope = np.full(len(px), frame.number), depth_slope(depth_m, px, z_m, self._depth)
+        self._part.observe(Observations(number, self._track, px, self._camera.undistort(px), z_m, slope))
+
+
+def _with_lag(information: Floats, step: Floats, elapsed_s: float) -> Floats:
+    """The information (6, 6) of a motion by depth, where the depth image was taken up to LAG_S from its colour image.
+
+    step (4, 4): how the camera moved in the last `elapsed_s` seconds, and goes on moving.
+    """
+    moved = np.linalg.norm([se3.log_so3(step[:3, :3]), step[:3, 3]], axis=1) * LAG_S / max(elapsed_s, LAG_S)
+    late = np.repeat(moved**2, 3) + 1e-12
+    return np.asarray(np.linalg.inv(np.linalg.inv(information + 1e-9 * np.eye(6)) + np.diag(late)))
+
+
+def _on_outline(scan: Scan, px: Floats32, depth: Depth) -> Bools:
+    """Whether corners (n, 2) lie where one thing ends before another: they are no points of either."""
+    place, radius_px = px.astype(float), np.full(len(px), OUTLINE_PX, np.float32)
+    return on_outline(scan.depth_m, place, radius_px, depth_at(scan.depth_m, place, depth))

@@ -1,0 +1,108 @@
+"""The pose of a frame from points whose places in an earlier frame are known: pixels and depths, robustly."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.typing import Bools, Floats
+
+SIGMA_PX, DEPTH_SIGMA_FACTOR = 1.0, 2.0
+STEPS = 10
+SCALES_PX = (2.0, 8.0)  # of the kernel, least and most: rolling shutter leaves residuals of some pixels in fast motion
+FAR = 3.0  # times the scale: another motion, or another point
+MIN_POINTS, MIN_SHARE = 12, 0.3  # that agree, of those seen: with fewer there is no motion of the whole
+SETTLED = 1e-5  # rad, m
+NEAR_M = 0.05
+
+
+class Motion(NamedTuple):
+    """T_cam_key (4, 4): points of the key camera in this one; information (6, 6) of (w, v) in [exp(w) | v] T_cam_key;
+    `agrees` (n,): the points that move like this."""
+
+    T_cam_key: Floats
+    information: Floats
+    agrees: Bools
+
+
+def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats, camera: Camera) -> Motion | None:
+    """The motion under which points (n, 3) m of the key camera are seen at px_ideal (n, 2), z_m (n,) or NaN.
+
+    Gauss-Newton from T_cam_key (4, 4), reweighted by a Cauchy kernel whose scale follows the residuals. None where
+    fewer than MIN_POINTS agree, or less than MIN_SHARE of them.
+    """
+    if len(p_key) < MIN_POINTS:
+        return None
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy)
+    sigma_z_m = DEPTH_SIGMA_FACTOR * camera.noise.sigma_m(np.nan_to_num(z_m, nan=1.0))
+    T, scale = T_cam_key.copy(), np.inf  # the first step is that of least squares: the start may be far off
+    for _ in range(STEPS):
+        H, g, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
+        seen = np.isfinite(size)
+        if seen.sum() < MIN_POINTS:
+            return None
+        scale = float(np.clip(1.5 * np.median(size[seen]), *SCALES_PX))
+        try:
+            step = -np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), g)
+        except np.linalg.LinAlgError:
+            return None
+        T[:3, :3], T[:3, 3] = se3.exp_so3(step[:3]) @ T[:3, :3], se3.exp_so3(step[:3]) @ T[:3, 3] + step[3:]
+        if np.abs(step).max() < SETTLED:
+            break
+    H, _, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
+    agrees = size < FAR * scale
+    if agrees.sum() < max(MIN_POINTS, MIN_SHARE * len(size)) or not np.isfinite(T).all():
+        return None
+    return Motion(T, H / (scale / SCALES_PX[0]) ** 2, agrees)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal_equations(
+    p_key: Floats,
+    px_ideal: Floats,
+    z_m: Floats,
+    sigma_z_m: Floats,
+    T: Floats,
+    lens: tuple[float, float, float, float],
+    sigma_px: float,
+    scale: float,
+) -> tuple[Floats, Floats, Floats]:
+    """H (6, 6), g (6,) by steps (w, v) of [exp(w) | v] T, and the size (n,) of each residual in sigmas.
+
+    lens: fx fy cx cy. A Cauchy kernel of this `scale` on pixels, and on depth; infinity: none. The size is that of the
+    pixels; NaN for a point behind the camera.
+    """
+    H, g, size = np.zeros((6, 6)), np.zeros(6), np.full(len(p_key), np.nan)
+    J, r, w = np.zeros((3, 6)), np.zeros(3), np.zeros(3)
+    for k in range(len(p_key)):
+        a, b, c = p_key[k, 0], p_key[k, 1], p_key[k, 2]
+        x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+        y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+        if z < NEAR_M:
+            continue
+        for i in range(2):
+            f, q = lens[i] / (z * sigma_px), x if i == 0 else y
+            r[i] = (lens[i] * q / z + lens[2 + i] - px_ideal[k, i]) / sigma_px
+            s = q / z
+            dx, dy, dz = (f, 0.0, -f * s) if i == 0 else (0.0, f, -f * s)
+            J[i, 0], J[i, 1], J[i, 2] = dz * y - dy * z, dx * z - dz * x, dy * x - dx * y
+            J[i, 3], J[i, 4], J[i, 5] = dx, dy, dz
+        size[k] = np.sqrt(r[0] * r[0] + r[1] * r[1])
+        w[0] = w[1] = 1.0 / (1.0 + (size[k] / scale) ** 2)
+        w[2] = 0.0
+        if z_m[k] > 0:
+            r[2] = (z - z_m[k]) / sigma_z_m[k]
+            J[2, 0], J[2, 1], J[2, 2] = y / sigma_z_m[k], -x / sigma_z_m[k], 0.0
+            J[2, 3], J[2, 4], J[2, 5] = 0.0, 0.0, 1.0 / sigma_z_m[k]
+            w[2] = 1.0 / (1.0 + (r[2] / scale) ** 2)
+        for row in range(3):
+            for i in range(6):
+                g[i] += w[row] * J[row, i] * r[row]
+                for j in range(6):
+                    H[i, j] += w[row] * J[row, i] * J[row, j]
+    return H, g, size

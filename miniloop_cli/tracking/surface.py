@@ -1,0 +1,220 @@
+"""The motion between two frames by their depth images and brightness: where no point can be followed.
+
+Depth is compared point to plane (Chen & Medioni 1992), brightness as it is (Steinbruecker, Sturm & Cremers 2011), both
+on a small ideal image. A wall leaves two translations and a turn open: the information says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.config import Depth
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.scene.sequence import Scan
+from miniloop_cli.typing import Bytes, Floats, Floats32
+
+COLUMNS = 160
+SMOOTH, NORMAL_STEP = 2, 4  # cells to each side: over which points are averaged, and compared for their normal
+MAX_SLOPE, MIN_VALID = 0.2, 0.7  # within a surface, depth differs by this share of it at most; readings there must be
+STEPS = 20
+DEPTH_SIGMA_FACTOR, SIGMA_GRAY = 2.0, 8.0
+CAUCHY2 = 4.0  # squared scale of the kernels, in sigmas
+MAX_JUMP_SHARE, MAX_JUMP_M = 0.03, 0.06  # of depth: farther apart, two cells are not of one surface
+SHARED_CELLS = 20.0  # neighbouring cells share their errors: so many count as one
+PRIOR_RAD, PRIOR_M = 0.04, 0.04  # standard deviations of the predicted motion
+MAX_PRIOR_CHI2 = 16.0  # farther from it a motion is not believed
+MIN_OVERLAP, MIN_FITTING = 0.3, 0.6  # of the cells with depth; and of those compared, within three sigmas
+MAX_SIGMA_RAD, MAX_SIGMA_M = 0.015, 0.02  # a direction known less well is open
+LEAST_SHARE = 0.004  # of the best known direction's information: less is the noise of normals
+SETTLED = 1e-5
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A frame on an ideal pinhole grid: points (h, w, 3) m, NaN without depth; normals (h, w, 3); gray (h, w).
+
+    lens: fx fy cx cy of the grid; sigma_m (h, w) of depth.
+    """
+
+    points: Floats
+    normals: Floats
+    gray: Floats
+    sigma_m: Floats
+    lens: tuple[float, float, float, float]
+
+
+class SurfaceMotion(NamedTuple):
+    """T_cam_key (4, 4), information (6, 6) as in Motion; share of this frame's cells seen in both; cells that
+    fit."""
+
+    T_cam_key: Floats
+    information: Floats
+    overlap: float
+    cells: int
+
+
+@cache
+def _grid(camera: Camera) -> tuple[Floats32, Floats32, tuple[float, float, float, float]]:
+    """Where the cells of the ideal grid lie in the measured image, x and y (h, w); and the grid's own lens."""
+    scale = COLUMNS / camera.width
+    rows = round(camera.height * scale)
+    v, u = np.mgrid[0:rows, 0:COLUMNS]
+    px = camera.distort(np.stack([u.ravel(), v.ravel()], axis=1) / scale)
+    x, y = np.nan_to_num(px, nan=-1e4).astype(np.float32).T
+    lens = (camera.fx * scale, camera.fy * scale, camera.cx * scale, camera.cy * scale)
+    return x.reshape(rows, COLUMNS), y.reshape(rows, COLUMNS), lens
+
+
+def make_surface(scan: Scan, gray: Bytes, camera: Camera, depth: Depth) -> Surface:
+    """The surface of a scan, whose brightness is gray (h, w)."""
+    import cv2
+
+    x, y, lens = _grid(camera)
+    z = np.asarray(cv2.remap(scan.depth_m, x, y, cv2.INTER_NEAREST), float)
+    z[~((z >= depth.min_m) & (z <= depth.max_m))] = np.nan
+    smooth = cv2.GaussianBlur(gray, (0, 0), camera.width / COLUMNS / 2)
+    brightness = np.asarray(cv2.remap(smooth, x, y, cv2.INTER_LINEAR), float)
+    v, u = np.mgrid[0 : z.shape[0], 0 : z.shape[1]]
+    points = np.stack([(u - lens[2]) / lens[0] * z, (v - lens[3]) / lens[1] * z, z], axis=2)
+    sigma_m = DEPTH_SIGMA_FACTOR * camera.noise.sigma_m(np.nan_to_num(z, nan=1.0))
+    return Surface(points, _normals(points), brightness, sigma_m, lens)
+
+
+def _normals(points: Floats) -> Floats:
+    """Unit normals (h, w, 3) by differences across cells of smoothed surfaces; NaN at their edges.
+
+    The noise of normals must be small: it would seem to hold directions that the surface leaves open.
+    """
+    import cv2
+
+    size, s = (2 * SMOOTH + 1, 2 * SMOOTH + 1), NORMAL_STEP
+    valid = np.isfinite(points[..., 2]).astype(float)
+    share = np.asarray(cv2.blur(valid, size), float)
+    smooth = np.asarray(cv2.blur(np.nan_to_num(points), size), float) / np.maximum(share, 1e-3)[..., None]
+    z = np.where(valid > 0, points[..., 2], 0)
+    square = np.ones((2 * (s + SMOOTH) + 1,) * 2, np.uint8)
+    far = np.asarray(cv2.dilate(z, square), float)
+    near = np.asarray(cv2.erode(np.where(valid > 0, z, np.inf), square), float)
+    normals = np.full_like(points, np.nan)
+    along_x = smooth[s:-s, 2 * s :] - smooth[s:-s, : -2 * s]
+    along_y = smooth[2 * s :, s:-s] - smooth[: -2 * s, s:-s]
+    n = np.cross(along_x, along_y)
+    n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-12)
+    one = (far - near < MAX_JUMP_M + MAX_SLOPE * z)[s:-s, s:-s] & (share[s:-s, s:-s] > MIN_VALID)
+    normals[s:-s, s:-s] = np.where(one[..., None], n, np.nan)
+    return normals
+
+
+def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMotion | None:
+    """The motion between two surfaces, sought near T_cam_key (4, 4); None where they do not fit each other."""
+    prior = np.diag([PRIOR_RAD**-2.0] * 3 + [PRIOR_M**-2.0] * 3)
+    T, moved = se3.inverse(T_cam_key), np.zeros(6)
+    offset = 0.0
+    for _ in range(STEPS):
+        H, g, seen, _, offset = _equations(
+            key.points, key.normals, key.gray, now.points, now.gray, now.sigma_m, key.lens, T, offset
+        )
+        if seen < 100:
+            return None
+        step = -np.linalg.solve(H / SHARED_CELLS + prior, g / SHARED_CELLS + prior @ moved)
+        T = se3.pose(se3.exp_so3(step[:3]), step[3:]) @ T
+        moved += step
+        if np.abs(step).max() < SETTLED:
+            break
+    H, _, seen, fitting, _ = _equations(
+        key.points, key.normals, key.gray, now.points, now.gray, now.sigma_m, key.lens, T, offset
+    )
+    overlap = seen / max(int(np.isfinite(now.points[..., 2]).sum()), 1)
+    astray = not moved @ prior @ moved < MAX_PRIOR_CHI2  # also where it is NaN
+    if overlap < MIN_OVERLAP or fitting < MIN_FITTING * seen or astray:
+        return None
+    found = se3.inverse(T)
+    back = np.linalg.inv(se3.adjoint(found))
+    information = back.T @ (H / SHARED_CELLS) @ back
+    return SurfaceMotion(found, information, float(overlap), int(fitting))
+
+
+def openness(information: Floats) -> float:
+    """The largest standard deviation of a direction by the information (6, 6), as a share of what is believed.
+
+    Infinite where a direction has next to none of what the others have.
+    """
+    believed = np.array([MAX_SIGMA_RAD] * 3 + [MAX_SIGMA_M] * 3)
+    known = np.linalg.eigvalsh(believed[:, None] * information * believed)
+    return float(max(known[0], 1e-12) ** -0.5) if known[0] > LEAST_SHARE * known[-1] else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _equations(
+    p_key: Floats,
+    n_key: Floats,
+    gray_key: Floats,
+    p_now: Floats,
+    gray_now: Floats,
+    sigma_m: Floats,
+    lens: tuple[float, float, float, float],
+    T: Floats,
+    offset: float,
+) -> tuple[Floats, Floats, int, int, float]:
+    """H (6, 6), g (6,) by steps (w, v) of [exp(w) | v] T_key_cam; cells compared, those that fit, brightness offset.
+
+    Depth point to plane, brightness by the key's gradient, each under a Cauchy kernel. A cell fits where both do. The
+    offset is by how much this frame is brighter, on average.
+    """
+    H, g, J, total = np.zeros((6, 6)), np.zeros(6), np.zeros(6), 0.0
+    seen, fitting = 0, 0
+    rows, columns = p_now.shape[0], p_now.shape[1]
+    for v in range(rows):
+        for u in range(columns):
+            z0 = p_now[v, u, 2]
+            if not z0 > 0:
+                continue
+            a, b = p_now[v, u, 0], p_now[v, u, 1]
+            x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * z0 + T[0, 3]
+            y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * z0 + T[1, 3]
+            z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * z0 + T[2, 3]
+            if z < 0.05:
+                continue
+            px, py = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3]
+            i, j = int(np.floor(py + 0.5)), int(np.floor(px + 0.5))
+            if i < 1 or j < 1 or i >= rows - 1 or j >= columns - 1:
+                continue
+            zk = p_key[i, j, 2]
+            if not zk > 0 or abs(zk - z) > MAX_JUMP_M + MAX_JUMP_SHARE * z:
+                continue
+            seen += 1
+            n0, n1, n2 = n_key[i, j, 0], n_key[i, j, 1], n_key[i, j, 2]
+            if not np.isfinite(n0):
+                continue
+            sigma = sigma_m[v, u]
+            r = (n0 * (x - p_key[i, j, 0]) + n1 * (y - p_key[i, j, 1]) + n2 * (z - zk)) / sigma
+            J[0], J[1], J[2] = (y * n2 - z * n1) / sigma, (z * n0 - x * n2) / sigma, (x * n1 - y * n0) / sigma
+            J[3], J[4], J[5] = n0 / sigma, n1 / sigma, n2 / sigma
+            w = 1.0 / (1.0 + r * r / CAUCHY2)
+            fits = abs(r) < 3.0
+            for k in range(6):
+                g[k] += w * J[k] * r
+                for m in range(6):
+                    H[k, m] += w * J[k] * J[m]
+            gx = 0.5 * (gray_key[i, j + 1] - gray_key[i, j - 1])
+            gy = 0.5 * (gray_key[i + 1, j] - gray_key[i - 1, j])
+            expected = gray_key[i, j] + gx * (px - j) + gy * (py - i)
+            total += gray_now[v, u] - expected
+            r = (expected + offset - gray_now[v, u]) / SIGMA_GRAY
+            fitting += fits and abs(r) < 3.0
+            dx, dy = gx * lens[0] / z / SIGMA_GRAY, gy * lens[1] / z / SIGMA_GRAY
+            dz = -(dx * x + dy * y) / z
+            J[0], J[1], J[2] = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx
+            J[3], J[4], J[5] = dx, dy, dz
+            w = 1.0 / (1.0 + r * r / CAUCHY2)
+            for k in range(6):
+                g[k] += w * J[k] * r
+                for m in range(6):
+                    H[k, m] += w * J[k] * J[m]
+    return H, g, seen, fitting, total / max(seen, 1)

@@ -1,0 +1,178 @@
+"""Points followed through recordings: right motions where there is something to see, and torn where there is a cut."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from walls import CAMERA, frame, path, recording, wall_frames
+
+from miniloop_cli.config import Depth, Tracking
+from miniloop_cli.datasets import open_sequence
+from miniloop_cli.geometry import se3
+from miniloop_cli.scene.tracked import TrackedPart, TrackStatus
+from miniloop_cli.simulation import SimulationSettings, true_trajectory, write_sequence
+from miniloop_cli.tracking.front_end import track_part
+
+N = 40
+FOLLOWED, KEYFRAME, UNREADABLE, BLANK = TrackStatus
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return path(N)
+
+
+@pytest.fixture(scope="module")
+def frames(truth):
+    return wall_frames(truth)
+
+
+def tracked(frames, **settings):
+    sequence = recording(frames)
+    return track_part(sequence, Depth(), Tracking(**settings), 0, len(frames) - 1)
+
+
+def errors(part, truth):
+    """Rotation (deg) and translation (m) errors of the motions since the keyframes."""
+    linked = np.flatnonzero(part.key >= 0)
+    true = se3.inverse(truth[linked]) @ truth[part.key[linked]]
+    off = part.T_cam_key[linked] @ se3.inverse(true)
+    return se3.rotation_angle_deg(off[:, :3, :3]), np.linalg.norm(off[:, :3, 3], axis=1)
+
+
+@pytest.fixture(scope="module")
+def part(frames):
+    return tracked(frames)
+
+
+def test_motions_are_those_of_the_camera(part, truth):
+    assert part.status[0] == part.status[-1] == KEYFRAME
+    assert np.isin(part.status, (FOLLOWED, KEYFRAME)).all()
+    assert part.key[0] == -1 and (part.key[1:] >= 0).all()
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.08 and m.max() < 0.002
+    assert (np.linalg.eigvalsh(part.information[1:])[:, 0] > 0).all()
+
+
+def test_observations_are_where_the_points_are(part, truth):
+    seen = part.arrays()
+    frame, track, z_m = seen["seen_frame"], seen["seen_track"], seen["seen_z_m"]
+    assert len(np.unique(np.stack([frame, track]), axis=1).T) == len(frame)
+    p_cam = CAMERA.backproject(seen["seen_px_ideal"], z_m)
+    p_world = np.einsum("kij,kj->ki", truth[frame, :3, :3], p_cam) + truth[frame, :3, 3]
+    count = np.bincount(track)
+    mean = np.stack([np.bincount(track, axis) / np.maximum(count, 1) for axis in p_world.T], axis=1)
+    away_m = np.linalg.norm(p_world - mean[track], axis=1)
+    assert np.median(away_m) < 0.002 and np.quantile(away_m, 0.99) < 0.015  # a pixel is 15 mm on the wall
+    assert (np.bincount(frame, minlength=N) > 50).all()
+
+
+def test_a_keyframe_is_made_where_few_points_are_left(frames, part):
+    eager, lazy = tracked(frames, min_followed=0.95), tracked(frames, min_followed=0.05)
+    count = [(p.status == KEYFRAME).sum() for p in (lazy, part, eager)]
+    assert count[0] == 2 <= count[1] < count[2]
+    for made in (part, eager):  # each frame is followed from the last keyframe before it
+        keys = np.flatnonzero(made.status == KEYFRAME)
+        assert np.array_equal(made.key[1:], keys[np.searchsorted(keys, np.arange(1, N)) - 1])
+
+
+def test_a_black_frame_is_blank_and_its_neighbours_go_on(frames, truth):
+    middle, none = N // 2, np.zeros((120, 160), np.uint16)
+    black = frame(middle, np.zeros((120, 160, 3), np.uint8), none)
+    part = tracked([*frames[:middle], black, *frames[middle + 1 :]])
+    assert part.status[middle] == BLANK and "mean 0 of 255" in part.problem[middle]
+    assert (part.status == BLANK).sum() == 1 and part.key[middle] == -1
+    assert (np.delete(part.key, middle)[1:] >= 0).all()
+    assert not (part.arrays()["seen_frame"] == middle).any()
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.08 and m.max() < 0.002
+
+
+@pytest.mark.parametrize("broken", [(0,), (N // 2,), (N - 1,), tuple(range(12, 17))])
+def test_unreadable_frames_are_named_with_their_reason(frames, truth, broken):
+    part = tracked([frame(k, None, None) if k in broken else f for k, f in enumerate(frames)])
+    assert np.flatnonzero(part.status == UNREADABLE).tolist() == list(broken)
+    assert all(f"frame {k}" in part.problem[k] and "is cut off" in part.problem[k] for k in broken)
+    rest = np.setdiff1d(np.arange(N), broken)
+    assert not part.problem[rest].any()
+    assert (part.key[rest[1:]] >= 0).all() and part.status[rest[0]] == KEYFRAME
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.08 and m.max() < 0.002
+
+
+def test_a_frame_without_depth_is_followed_by_its_points(frames, truth):
+    middle = N // 2
+    frames = list(frames)
+    frames[middle] = frame(middle, frames[middle].color.pixels, np.zeros((120, 160), np.uint16))
+    part = tracked(frames)
+    assert part.status[middle] == FOLLOWED
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.3 and m.max() < 0.01  # a plane by its pixels alone
+
+
+def test_a_cut_to_another_scene_tears(frames, truth):
+    cut = N // 2
+    part = tracked([*frames[:cut], *wall_frames(truth, seed=1)[cut:]])
+    assert part.key[cut] == -1 and part.status[cut] == KEYFRAME
+    assert np.flatnonzero(part.key < 0).tolist() == [0, cut]
+    assert (part.key[cut + 1 :] >= cut).all()
+    seen = part.arrays()
+    before = np.unique(seen["seen_track"][seen["seen_frame"] < cut])
+    assert not np.isin(seen["seen_track"][seen["seen_frame"] >= cut], before).any()
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.08 and m.max() < 0.002
+
+
+def test_doubled_frames_do_not_move(frames, truth):
+    part = tracked([f for f in frames for _ in range(2)])
+    assert (part.key[1:] >= 0).all()
+    T = [np.eye(4)]
+    for k in range(1, 2 * N):
+        T.append(T[part.key[k]] @ se3.inverse(part.T_cam_key[k]))
+    step = se3.inverse(np.array(T[1::2])) @ np.array(T[::2])
+    assert se3.rotation_angle_deg(step[:, :3, :3]).max() < 0.02
+    assert np.linalg.norm(step[:, :3, 3], axis=1).max() < 2e-4
+    deg, m = errors(part, np.repeat(truth, 2, axis=0))
+    assert deg.max() < 0.08 and m.max() < 0.002
+
+
+def test_a_frozen_camera_stays_where_it_is(frames):
+    part = tracked([frames[0]] * 12)
+    assert part.status.tolist() == [KEYFRAME, *[FOLLOWED] * 10, KEYFRAME]
+    assert np.abs(part.T_cam_key - np.eye(4)).max() < 1e-6
+
+
+def test_nothing_is_followed_through_blank_or_broken_recordings(frames):
+    blank = frame(0, np.full((120, 160, 3), 90, np.uint8), np.full((120, 160), 9000, np.uint16))
+    for f, status in ((blank, BLANK), (frame(0, None, None), UNREADABLE)):
+        part = tracked([f] * 5)
+        assert (part.status == status).all() and (part.key == -1).all()
+        assert len(part.arrays()["seen_frame"]) == 0
+
+
+def test_a_part_does_not_depend_on_what_is_before(frames):
+    sequence = recording(frames)
+    later = track_part(sequence, Depth(), Tracking(), 15, 30)
+    alone = track_part(recording(frames[15:31]), Depth(), Tracking(), 0, 15)
+    assert later.first == 15 and np.array_equal(later.key[1:] - 15, alone.key[1:])
+    assert np.allclose(later.T_cam_key, alone.T_cam_key, atol=1e-9)  # stamps have other last bits
+
+
+def test_a_part_comes_back_from_its_arrays(part):
+    arrays = part.arrays()
+    again = TrackedPart.from_arrays(arrays).arrays()
+    assert arrays.keys() == again.keys()
+    assert all(np.array_equal(arrays[name], again[name], equal_nan=arrays[name].dtype == float) for name in arrays)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "deg", "m"), [(True, 0.6, 0.025), (False, 0.1, 0.006)])
+def test_a_simulated_room_is_followed(tmp_path: Path, noise, deg, m):
+    settings = SimulationSettings(frames=N, width=320, height=240, rate_hz=30, path_share=0.06, noise=noise)
+    sequence = open_sequence(write_sequence(tmp_path / "room", settings, seed=1))
+    true = true_trajectory(settings, np.random.default_rng(1))
+    at = np.searchsorted(true.timestamps_s, sequence.stamps_s - 1e-6)
+    part = track_part(sequence, Depth(), Tracking(), 0, N - 1)
+    assert part.status[0] == part.status[-1] == KEYFRAME and part.key[0] == -1 and (part.key[1:] >= 0).all()
+    off = errors(part, true.T_world_cam[at])
+    assert off[0].max() < deg and off[1].max() < m
