@@ -17,18 +17,23 @@ from miniloop_cli.typing import Ints
 
 
 def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: str) -> tuple[Stream, tuple[Note, ...]]:
-    """The frames of a video, the k-th with the k-th of the sorted numbers of the depth images, and notes.
+    """The frames of a video with the numbers of the depth images that belong to them, and notes.
 
     `times_s`: the times of frames by number, from the file called `table`; the video's own clock where there are none.
-    Raises InputError for a video that cannot be read, and where no frame has a time.
+    The k-th frame has the k-th number of that file if both are as many, else the k-th of the depth images if these are.
+    Raises InputError for a video that cannot be read, where neither has as many, and where no frame has a time.
     """
     frames, own_s = video_frames(path)
     name, count, notes = shown(path.name), len(frames), []
-    if count != len(depth):
-        text = f"{name} has {count} frames, and there are {len(depth)} depth images: they are paired in their order"
-        notes.append(Note(NoteKind.ASSUMED, text))
-    beyond = depth[-1] + 1 + np.arange(max(count - len(depth), 0))
-    numbers = np.concatenate([depth[:count], beyond])
+    if count == len(times_s):
+        numbers = np.array(sorted(times_s))
+    elif count == len(depth):
+        numbers = np.sort(depth)
+    else:
+        raise InputError(
+            f"{name} has {count} frames, but there are {len(depth)} depth images and {len(times_s)} rows in {table}: "
+            "nothing says which belong together; record or export it again"
+        )
     if times_s:
         timed = np.array([number in times_s for number in numbers.tolist()])
         if not timed.any():

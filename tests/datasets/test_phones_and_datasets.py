@@ -238,13 +238,32 @@ def test_depth_scale_that_is_no_length_is_refused(tmp_path):
     assert unstated.camera.depth_scale == 1000 and unstated.camera.depth_scale_assumed
 
 
-def test_video_of_another_length_than_depth_is_said(tmp_path):
-    root = apps.stray_scanner(tmp_path / "a", BIG)
-    (root / "depth/000005.png").unlink()
+@pytest.mark.parametrize("lost", [0, 3, 5])
+def test_frames_without_depth_move_no_other_frame(tmp_path, lost):
+    """The table has a row for each frame of the video: it says which depth images are missing."""
+    whole = open_sequence(apps.stray_scanner(tmp_path / "a", BIG))
+    root = apps.stray_scanner(tmp_path / "b", BIG)
+    (root / f"depth/{lost:06d}.png").unlink()
     sequence = open_sequence(root)
-    assert len(sequence.frames) == 5
-    assert any("rgb.mp4 has 6 frames, and there are 5 depth images" in str(note) for note in sequence.notes)
-    assert any(note.doubtful for note in sequence.notes if "paired in their order" in str(note))
+    assert any("5 pairs from 6 colour and 5 depth images" in str(note) for note in sequence.notes)
+    kept = [frame for k, frame in enumerate(whole.frames) if k != lost]
+    for frame, expected in zip(sequence.frames, kept, strict=True):
+        assert frame.timestamp_s == expected.timestamp_s
+        assert np.array_equal(frame.color.read(), expected.color.read())
+        assert np.array_equal(frame.depth.read(), expected.depth.read())
+
+
+def test_video_depth_and_table_of_different_lengths_are_refused(tmp_path):
+    root = apps.stray_scanner(tmp_path / "a", BIG)
+    (root / "depth/000003.png").unlink()
+    rows = (root / "odometry.csv").read_text().splitlines()
+    (root / "odometry.csv").write_text("\n".join(rows[:-2]))
+    with pytest.raises(InputError, match=r"6 frames, but there are 5 depth images and 4 rows in odometry\.csv"):
+        open_sequence(root)
+    first = apps.stray_scanner(tmp_path / "b", BIG, form="first")  # its table has no numbers of frames
+    (first / "depth/000003.png").unlink()
+    with pytest.raises(InputError, match="nothing says which belong together"):
+        open_sequence(first)
 
 
 def test_first_recordings_of_stray_scanner_have_the_times_of_the_video(tmp_path):
