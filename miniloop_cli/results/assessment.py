@@ -14,8 +14,10 @@ from miniloop_cli.results.advice import advice
 from miniloop_cli.results.columns import Edges, RunColumns, edge_columns, frame_columns
 from miniloop_cli.results.facts import facts, pieces
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows
+from miniloop_cli.scene.edge import FOLLOWED
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import NoteKind
+from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools
 
 if TYPE_CHECKING:
@@ -95,6 +97,11 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
     for kind, doubt in DOUBTFUL_NOTES.items():
         if texts := data.noted(kind):
             doubts += [doubt, *texts]
+    if carried := _followed_only(edges):
+        doubts.append(
+            f"{carried} keyframes hang on the others by followed motion alone: no loop of matched frames checks it, "
+            "and it drifts"
+        )
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
     off = edges.worst_first[_far_off(edges)[edges.worst_first]]
@@ -105,6 +112,17 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
             f"{edges.i[worst]}–{edges.j[worst]} by {edges.rot_deg[worst]:.1f} deg, {edges.trans_m[worst]:.2f} m)"
         )
     return tuple(doubts)
+
+
+def _followed_only(edges: Edges) -> int:
+    """How many keyframes no verified match joins to most of the others; 0 where they are few."""
+    followed = np.array([solver == FOLLOWED for solver in edges.solver], bool)
+    frames, ends = np.unique(np.stack([edges.i, edges.j], axis=1)[edges.verified], return_inverse=True)
+    if not (followed & edges.verified).any():
+        return 0
+    pairs = ends.reshape(-1, 2)[~followed[edges.verified]]
+    carried = int((components(len(frames), pairs) != 0).sum())
+    return carried if carried > (1 - GOOD_SHARE) * len(frames) else 0
 
 
 def _far_off(edges: Edges) -> Bools:

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
+FOLLOWED = "followed"  # in the place of a solver's name: points or surfaces were followed from one to the other
+
 
 @dataclass(frozen=True)
 class Edge:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from miniloop_cli.scene.edge import Edge, EdgeTable
+from miniloop_cli.scene.edge import FOLLOWED, Edge, EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import NO_FEATURES
 from miniloop_cli.scene.priors import Priors
@@ -15,8 +15,6 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.tracked import Tracked, TrackStatus
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Ints
-
-FOLLOWED = "followed"  # in the place of a solver's name
 
 
 def keyframes_only(sequence: Sequence, keyframes: Ints) -> Sequence:
