@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Any
 
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from miniloop_cli.geometry import se3
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.typing import Bools, Floats, Ints
-
-COLUMNS = ("status", "problem", "key", "T_cam_key", "information", "support", "by_surface")  # of a part, a row a frame
 
 
 class TrackStatus(IntEnum):
@@ -53,7 +51,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class Link:
-    """The motion between a keyframe and a frame, as in TrackedPart."""
+    """The motion between a keyframe and a frame, as in FrameMotions."""
 
     T_cam_key: Floats
     information: Floats
@@ -61,16 +59,15 @@ class Link:
     by_surface: bool = False
 
 
-@dataclass
-class TrackedPart:
-    """The frames first..first + n - 1 of a recording.
+@dataclass(frozen=True)
+class FrameMotions:
+    """What following showed of n frames, a row each.
 
     status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the frame that each was followed from, -1 none;
     T_cam_key (n, 4, 4) from the key's camera to the frame's, information (n, 6, 6) of (w, v) in [exp(w) | v] T_cam_key;
     support (n,) points that agree on it; by_surface (n,) bool: depth and brightness told it, as no points could.
     """
 
-    first: int
     status: Ints
     problem: NDArray[np.str_]
     key: Ints
@@ -78,15 +75,35 @@ class TrackedPart:
     information: Floats
     support: Ints
     by_surface: Bools
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+
+COLUMNS = tuple(column.name for column in fields(FrameMotions))
+
+
+@dataclass(frozen=True)
+class TrackedPart(FrameMotions):
+    """The frames first..first + n - 1 of a recording; its arrays are filled frame by frame."""
+
+    first: int = 0
     seen: list[Observations] = field(default_factory=list)
 
     @staticmethod
     def of(first: int, last: int) -> TrackedPart:
         """A part of which nothing is known yet."""
         n = last - first + 1
-        T, information = np.tile(np.eye(4), (n, 1, 1)), np.zeros((n, 6, 6))
-        none, words = np.zeros(n, np.int64), np.full(n, "", "<U400")
-        return TrackedPart(first, none.copy(), words, np.full(n, -1), T, information, none, np.zeros(n, bool))
+        return TrackedPart(
+            status=np.zeros(n, np.int64),
+            problem=np.full(n, "", "<U400"),
+            key=np.full(n, -1),
+            T_cam_key=np.tile(np.eye(4), (n, 1, 1)),
+            information=np.zeros((n, 6, 6)),
+            support=np.zeros(n, np.int64),
+            by_surface=np.zeros(n, bool),
+            first=first,
+        )
 
     def set(self, frame: int, status: TrackStatus, problem: str = "") -> None:
         self.status[frame - self.first] = status
@@ -115,36 +132,26 @@ class TrackedPart:
 
 
 @dataclass(frozen=True)
-class Tracked:
-    """All n frames of a recording, as TrackedPart; tracks are numbered through."""
+class Tracked(FrameMotions):
+    """All frames of a recording; tracks are numbered through."""
 
-    status: Ints
-    problem: NDArray[np.str_]
-    key: Ints
-    T_cam_key: Floats
-    information: Floats
-    support: Ints
-    by_surface: Bools
     seen: Observations
 
     @staticmethod
     def of(parts: Sequence[TrackedPart]) -> Tracked:
         """The parts joined; each begins with the frame that the one before ends with."""
-        n = parts[-1].first + len(parts[-1].status)
+        n = parts[-1].first + len(parts[-1])
         whole, seen, tracks = TrackedPart.of(0, n - 1), [], 0
         for part in parts:
             # The frame that two parts share keeps the motion that leads to it, which only the earlier part knows.
             skip = int(part.first > 0)
-            rows = slice(part.first + skip, part.first + len(part.status))
+            rows = slice(part.first + skip, part.first + len(part))
             for name in COLUMNS:
                 getattr(whole, name)[rows] = getattr(part, name)[skip:]
             own = Observations.joined(part.seen)
-            seen.append(Observations(own.frame, own.track + tracks, own.px, own.px_ideal, own.z_m, own.slope))
+            seen.append(replace(own, track=own.track + tracks))
             tracks += int(own.track.max(initial=-1)) + 1
         return Tracked(seen=Observations.joined(seen), **{name: getattr(whole, name) for name in COLUMNS})
-
-    def __len__(self) -> int:
-        return len(self.status)
 
     @property
     def keyframes(self) -> Ints:
