@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Self
 
 from miniloop_cli.datasets.archives import (
     ARCHIVE_SUFFIXES,
@@ -63,13 +63,13 @@ class ArchivePath(Base):
         kind = stat.S_IFREG if name in archive.sizes else stat.S_IFDIR
         return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, archive.sizes.get(name, 0), 0, 0, 0))
 
-    def iterdir(self) -> Iterator[ArchivePath]:  # type: ignore[override]
+    def iterdir(self) -> Generator[Self, None, None]:
         archive, name = self._place()
         if name and name not in archive.folders:
             raise NotADirectoryError(20, "Not a folder in the archive", os.fspath(self))
-        return iter([self / child for child in archive.folders.get(name, ())])
+        yield from (self / child for child in archive.folders.get(name, ()))
 
-    def glob(self, pattern: str, **_: Any) -> Iterator[ArchivePath]:  # type: ignore[override]
+    def glob(self, pattern: str, **_: Any) -> Generator[Self, None, None]:
         """By the names; `**` is not known here."""
         from fnmatch import fnmatchcase
 
@@ -98,7 +98,7 @@ class ArchivePath(Base):
         return file if mode == "rb" else io.TextIOWrapper(file, *args[1:], **kwargs)
 
 
-def archive_of(text: str) -> str:
+def archive_of(text: str) -> str:  # of a string: Path.is_file of a path into an archive would ask here again
     """The path of the archive that a path leads into. Raises FileNotFoundError where no part of it is a file."""
     return text if os.path.isfile(text) else _archive_of_folder(os.path.dirname(text))  # noqa: PTH113, PTH120
 

@@ -40,13 +40,11 @@ MM = np.float32(1000)
 
 
 @dataclass(frozen=True)
-class DepthBlock:
-    """The image source of a frame that is compressed by itself: float32 metres."""
+class _DepthFrame:
+    """A frame of float32 metres."""
 
     path: Path
     number: int
-    offset: int
-    size: int
 
     @property
     def name(self) -> str:
@@ -54,6 +52,14 @@ class DepthBlock:
 
     def header(self) -> ImageHeader:
         return _HEADER
+
+
+@dataclass(frozen=True)
+class DepthBlock(_DepthFrame):
+    """The image source of a frame that is compressed by itself."""
+
+    offset: int
+    size: int
 
     def read(self) -> NDArray[Any]:
         return decode_block(_block(self.path, self.offset, self.size))
@@ -66,18 +72,8 @@ class DepthBlock:
 
 
 @dataclass(frozen=True)
-class DepthOfStream:
-    """The image source of a frame of a file that is compressed as a whole: float32 metres."""
-
-    path: Path
-    number: int
-
-    @property
-    def name(self) -> str:
-        return f"{os.fspath(self.path)}/{self.number:06d}"
-
-    def header(self) -> ImageHeader:
-        return _HEADER
+class DepthOfStream(_DepthFrame):
+    """The image source of a frame of a file that is compressed as a whole."""
 
     def read(self) -> NDArray[Any]:
         try:

@@ -7,6 +7,7 @@ Format: https://wiki.ros.org/Bags/Format/2.0. The recorder writes an index after
 from __future__ import annotations
 
 import struct
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -138,7 +139,7 @@ class Ros1Bag:
             chunk = self._chunks[offset]
             self._connections[connection] = None
             try:
-                data = self._file.chunk(offset, lambda chunk=chunk: self._decompressed(chunk))  # type: ignore[misc]
+                data = self._file.chunk(offset, partial(self._decompressed, chunk))
                 self._connections_in(data)
             except (InputError, KeyError, ValueError, struct.error):
                 continue
