@@ -52,8 +52,8 @@ def complete_key(ctx: click.Context, param: click.Parameter, incomplete: str) ->
 
 def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """`key=`, or once the key is whole, `key=value` for settings with a fixed choice."""
-    from miniloop_cli.config import choices
     from miniloop_cli.presets import keys
+    from miniloop_cli.setting_choices import choices
 
     key, equals, begun = incomplete.partition("=")
     if not equals:

@@ -98,7 +98,7 @@ def explanation(key: str, field: FieldInfo) -> str:
 
 def allowed(field: FieldInfo) -> str:
     """What a setting may be, in words: its choices, or its type and range."""
-    from miniloop_cli.config import choices
+    from miniloop_cli.setting_choices import choices
 
     if named := choices(field):
         return ", ".join(map(as_yaml, named))
