@@ -53,7 +53,7 @@ def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
                 verdict=Verdict.VERIFIED,
                 rejection=Rejection.NONE,
                 confirmed=True,
-                followed=int(tracked.support[frame]),
+                followed=max(int(tracked.support[frame]), 1),  # averaging weighs by it
             )
         )
     return edges.replaced(more) if more else edges

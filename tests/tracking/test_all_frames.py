@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from miniloop_cli.averaging.components import average_components
+from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.edge import Edge, EdgeTable
@@ -138,3 +140,11 @@ def test_extracted_scans_stand_in_the_rows_of_their_frames(tracked):
     assert len(found) == 12
     assert {k: scan.key for k, scan in enumerate(found) if scan.key} == {k: f"scan {k}" for k in KEYFRAMES}
     assert {k: scan.problem for k, scan in enumerate(found) if scan.problem} == {6: "frame 6: is cut off"}
+
+
+def test_a_followed_edge_has_weight_however_little_supports_it(tracked):
+    tracked.support[:] = 0
+    found = with_followed(EdgeTable.of([]), tracked)
+    assert len(found) and (found.inlier_count == 1).all()
+    poses = average_components(found, len(KEYFRAMES), Averaging())
+    assert np.isfinite(poses.T_world_cam).all()
