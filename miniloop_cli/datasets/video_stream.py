@@ -12,7 +12,7 @@ from miniloop_cli.datasets.stamps import SECONDS
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.datasets.video import video_frames
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.scene.sequence import Note, NoteKind, dropped_images
 from miniloop_cli.typing import Ints
 
 
@@ -40,7 +40,7 @@ def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: st
             raise InputError(f"{table} has {len(times_s)} rows, none for the frames of {name}")
         if not timed.all():
             text = f"{int((~timed).sum())} of {count} frames of {name} have no row in {table}: they are not used"
-            notes.append(Note(NoteKind.DROPPED, text))
+            notes.append(dropped_images(text, int((~timed).sum()), count))
         frames, numbers = tuple(frames[k] for k in np.flatnonzero(timed)), numbers[timed]
         times = np.array([times_s[number] for number in numbers.tolist()])
         if (np.diff(times) <= 0).any():

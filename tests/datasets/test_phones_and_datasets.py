@@ -16,6 +16,7 @@ import recorded_by_apps as apps
 
 from miniloop_cli.datasets import open_sequence, read_ground_truth, read_scan
 from miniloop_cli.errors import ConfigError, InputError, MiniloopError
+from miniloop_cli.scene.sequence import NoteKind
 
 SHOTS = apps.made_up()
 BIG = apps.made_up(size=(512, 384))
@@ -236,6 +237,40 @@ def test_depth_scale_that_is_no_length_is_refused(tmp_path):
         open_sequence(root)
     unstated = open_sequence(apps.nerfcapture(tmp_path / "b", SHOTS, stated=False))
     assert unstated.camera.depth_scale == 1000 and unstated.camera.depth_scale_assumed
+
+
+@pytest.mark.parametrize("per_s", [1, 1000, 1e6, 1e9])
+def test_stamps_of_transforms_are_read_in_their_unit(tmp_path, per_s):
+    root = apps.nerfcapture(tmp_path / "a", SHOTS)
+    path = root / "transforms.json"
+    data = json.loads(path.read_text())
+    for frame, time_s in zip(data["frames"], SHOTS.times_s, strict=True):
+        frame["timestamp"] = time_s * per_s
+    path.write_text(json.dumps(data))
+    sequence = open_sequence(root)
+    np.testing.assert_allclose([frame.timestamp_s for frame in sequence.frames], SHOTS.times_s, atol=1e-6)
+    np.testing.assert_allclose(read_ground_truth(sequence).timestamps_s, SHOTS.times_s, atol=1e-6)
+    assert any("converted to seconds" in str(note) for note in sequence.notes) == (per_s > 1)
+
+
+def test_stamps_of_transforms_without_a_clear_unit_are_refused(tmp_path):
+    root = apps.nerfcapture(tmp_path / "a", SHOTS)
+    path = root / "transforms.json"
+    data = json.loads(path.read_text())
+    for k, frame in enumerate(data["frames"]):
+        frame["timestamp"] = 5 * k
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="steps by 5: seconds or milliseconds"):
+        open_sequence(root)
+
+
+def test_most_frames_without_images_are_a_doubt(tmp_path):
+    root = apps.nerfcapture(tmp_path / "a", SHOTS)
+    count = len(SHOTS.color)
+    for k in range(2, count):
+        (root / f"images/{k}.depth.png").unlink()
+    (note,) = (note for note in open_sequence(root).notes if "lack an image" in str(note))
+    assert note.kind == NoteKind.MOST_DROPPED
 
 
 @pytest.mark.parametrize("lost", [0, 3, 5])

@@ -11,7 +11,7 @@ from miniloop_cli.datasets.bags.source import BagImage
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.scene.sequence import Note, NoteKind, dropped_images
 
 
 def image_stream(path: Path, topic: Topic, use_received: bool = False) -> Stream:
@@ -35,10 +35,10 @@ def image_stream(path: Path, topic: Topic, use_received: bool = False) -> Stream
     notes = []
     if damaged:
         text = f"{damaged} of {len(topic.places)} messages of {topic.name} cannot be read, the first: {shown(reason)}"
-        notes.append(Note(NoteKind.DROPPED, text))
+        notes.append(dropped_images(text, damaged, len(topic.places)))
     if unstamped and sources:
         text = f"{unstamped} of {len(topic.places)} images of {topic.name} have no stamp and are not used"
-        notes.append(Note(NoteKind.DROPPED, text))
+        notes.append(dropped_images(text, unstamped, len(topic.places)))
     if not sources and not unstamped:
         raise InputError(
             f"{shown(path)}: none of the {len(topic.places)} messages of {topic.name} can be read: {reason}"

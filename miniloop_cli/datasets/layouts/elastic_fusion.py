@@ -20,7 +20,7 @@ from miniloop_cli.datasets.stamps import unit_of
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.sequence import Note, NoteKind, Sequence, Trajectory
+from miniloop_cli.scene.sequence import Note, NoteKind, Sequence, Trajectory, dropped_images
 
 WIDTH, HEIGHT = 640, 480
 PIXELS = WIDTH * HEIGHT
@@ -54,7 +54,7 @@ class ElasticFusion:
         notes = [*pairs.notes, Note(NoteKind.ASSUMED, ORDER)]
         if len(stamps) != claimed or damage:
             text = f"{shown(root.name)} claims {claimed} frames and holds {len(stamps)} whole ones{damage}"
-            notes.insert(0, Note(NoteKind.DROPPED, text))
+            notes.insert(0, dropped_images(text, claimed - len(stamps), claimed))
         return Sequence(root.stem, root, camera, pairs.frames, None, tuple(notes), pairs.available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:

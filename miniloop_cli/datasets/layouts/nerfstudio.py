@@ -22,12 +22,13 @@ from miniloop_cli.datasets.intrinsics import make_camera
 from miniloop_cli.datasets.numbered import MAX_JSON_BYTES, given_camera, numbers, read_json, trajectory_of, usable_pose
 from miniloop_cli.datasets.own_cameras import with_own_cameras
 from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, read_bytes, shown, within
+from miniloop_cli.datasets.stamps import apart, in_seconds, unit_notes, unit_of
 from miniloop_cli.datasets.stream import RATE_HZ
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.scene.image_source import ImageSource
-from miniloop_cli.scene.sequence import DepthFormat, Frame, Note, NoteKind, Sequence, Trajectory
+from miniloop_cli.scene.sequence import DepthFormat, Frame, Note, NoteKind, Sequence, Trajectory, dropped_images
 from miniloop_cli.typing import Floats
 
 TRANSFORMS = "transforms.json"
@@ -56,19 +57,15 @@ class Nerfstudio:
         path = root / TRANSFORMS
         data = read_json(path)
         entries = _entries(data, path)
-        frames, own, notes = [], {}, list[Note]()
-        stamps = _stamps(entries, shown(path))
-        if stamps is None:
-            notes.append(
-                Note(NoteKind.ASSUMED, f"the frames have no time stamps: {RATE_HZ:g} frames a second are assumed")
-            )
+        frames, own = [], {}
+        stamps, notes = _stamps(entries, shown(path))
         missing = 0
         for k, entry in enumerate(entries):
             color, depth = _images(root, entry, f"{shown(path)}: frame {k}")
             if depth is None or not color.path.is_file() or not depth.path.is_file():
                 missing += 1
                 continue
-            frames.append(Frame(k / RATE_HZ if stamps is None else stamps[k], color, depth))
+            frames.append(Frame(stamps[k], color, depth))
             own[color] = entry
         if not frames:
             raise InputError(
@@ -78,7 +75,7 @@ class Nerfstudio:
             text = (
                 f"{missing} of {len(entries)} frames of {TRANSFORMS} lack an image, colour or depth: they are not used"
             )
-            notes.append(Note(NoteKind.DROPPED, text))
+            notes.append(dropped_images(text, missing, len(entries)))
         kept = tuple(sorted(frames, key=lambda frame: frame.timestamp_s))
         camera = given_camera(root, camera_path, kept)
         if camera is None:
@@ -94,12 +91,12 @@ class Nerfstudio:
         if path is None:
             return None
         entries = _entries(read_json(path), path)
-        stamps = _stamps(entries, shown(path))
+        stamps, _ = _stamps(entries, shown(path))
         poses = {}
         for k, entry in enumerate(entries):
             where = f"{shown(path)}: frame {k}: transform_matrix"
             T = numbers(entry.get("transform_matrix"), 16, where).reshape(4, 4)
-            poses[k / RATE_HZ if stamps is None else stamps[k]] = usable_pose(T @ OPENGL_AXES, where)
+            poses[stamps[k]] = usable_pose(T @ OPENGL_AXES, where)
         return trajectory_of(poses, shown(path))
 
 
@@ -111,15 +108,22 @@ def _entries(data: dict[str, Any], path: Path) -> list[dict[str, Any]]:
     return frames
 
 
-def _stamps(entries: list[dict[str, Any]], where: str) -> list[float] | None:
-    """The times (s) of all frames, None where some have none. Raises InputError for equal ones."""
+def _stamps(entries: list[dict[str, Any]], where: str) -> tuple[list[float], list[Note]]:
+    """The times (s) of all frames, and how they were had; where some have none, all are numbered instead.
+
+    Raises InputError for equal times, and for times whose unit nothing tells.
+    """
     key = next((key for key in ("timestamp", "time") if all(key in entry for entry in entries)), None)
     if key is None or not entries:
-        return None
+        text = f"the frames have no time stamps: {RATE_HZ:g} frames a second are assumed"
+        return (np.arange(len(entries)) / RATE_HZ).tolist(), [Note(NoteKind.ASSUMED, text)]
     found = numbers([entry[key] for entry in entries], len(entries), f"{where}: {key}")
     if not np.isfinite(found).all() or len(np.unique(found)) < len(found):
         raise InputError(f"{where}: {key} must be a finite number, another one for each frame")
-    return [float(stamp) for stamp in found]
+    unit = unit_of(found)
+    if unit is None:
+        raise InputError(f"{where}: {key} steps by {apart(found):g}: seconds or milliseconds? Write it in seconds")
+    return in_seconds(found, unit).tolist(), unit_notes(where, found, unit)
 
 
 def _images(root: Path, entry: dict[str, Any], where: str) -> tuple[ImageFile, ImageFile | None]:

@@ -15,7 +15,7 @@ from miniloop_cli.datasets.stamps import SECONDS
 from miniloop_cli.datasets.stream import RATE_HZ, Stream
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.sequence import DepthCamera, DepthFormat, Note, NoteKind, Sequence, Trajectory
+from miniloop_cli.scene.sequence import DepthCamera, DepthFormat, Note, NoteKind, Sequence, Trajectory, dropped_images
 from miniloop_cli.typing import Floats
 
 MAX_APART_M, MAX_TURNED = 0.001, 0.001  # between the cameras of colour and depth that count as one
@@ -38,7 +38,7 @@ class ScanNetSens:
         times_s, notes = _times(held), list[Note]()
         if count < header.frames:
             text = f"{where} ends after {count} of {header.frames} frames: it was cut off, or is damaged there"
-            notes.append(Note(NoteKind.DROPPED, text))
+            notes.append(dropped_images(text, header.frames - count, header.frames))
         numbers = np.arange(count, dtype=np.int64)
         color = Stream("colour", held.color, tuple(image.name for image in held.color), numbers, times_s, SECONDS)
         depth = Stream("depth", held.depth, tuple(image.name for image in held.depth), numbers)
