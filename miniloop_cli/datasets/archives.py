@@ -21,8 +21,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, TypeVar, cast
 
+from miniloop_cli.datasets.damage import damage
 from miniloop_cli.datasets.paths import shown
-from miniloop_cli.errors import InputError, out_of_memory
+from miniloop_cli.errors import InputError
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.cache_folder import cache_folder
 from miniloop_cli.runtime.kept_open import KeptOpen
@@ -73,18 +74,12 @@ def open_archive(path: Path | str) -> Archive:
 
 def _open(path: Path) -> Archive:
     name = path.name.lower()
-    try:
+    with damage(lambda error: f"{shown(path)} is damaged or incomplete, or no archive: {shown(str(error))}"):
         if name.endswith(TAR_SUFFIXES):
             return _open_tar(path, path)
         if name.endswith(COMPRESSED_TARS):
             return _open_tar(path, _decompressed(path))
         return _open_zip(path)
-    except InputError:
-        raise
-    except Exception as error:  # what a library makes of a damaged archive is not ours to foresee
-        if out_of_memory(error):
-            raise
-        raise InputError(f"{shown(path)} is damaged or incomplete, or no archive: {shown(str(error))}") from error
 
 
 _KEPT = KeptOpen(_open)

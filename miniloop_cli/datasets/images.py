@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -21,6 +19,7 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from miniloop_cli.datasets.archive_path import ArchivePath
+from miniloop_cli.datasets.damage import damage
 from miniloop_cli.datasets.paths import open_file, read_bytes
 from miniloop_cli.datasets.raw_images import raw_format
 from miniloop_cli.errors import InputError, out_of_memory
@@ -36,6 +35,7 @@ FORMATS: dict[bytes, tuple[type[Decoder], bytes]] = {
     b"RIFF": (WebPImageFile, b""),
     b"BM": (BmpImageFile, b""),
 }
+UNREADABLE = "truncated or damaged {}, it cannot be read"
 KNOWN = "PNG, JPEG, WebP, TIFF, BMP, PPM or PGM, NPY or EXR"
 START = 16  # bytes that tell a format
 ORIENTATION = 0x0112  # EXIF: 1 as stored; 5 to 8 turned by 90 degrees
@@ -76,7 +76,7 @@ def read_header(file: BinaryIO) -> ImageHeader:
     start = file.read(START)
     file.seek(0)
     if raw := raw_format(start):
-        with _damage(raw.name):
+        with damage(UNREADABLE.format(raw.name)):
             return _of_allowed_size(raw.header(file))
     return _header(_open(file)[0])
 
@@ -100,22 +100,18 @@ def decode(data: bytes, upright: bool = False) -> NDArray[Any]:
     that are damaged, truncated or too large; the size is checked before anything is decoded.
     """
     if raw := raw_format(data[:START]):
-        with _damage(raw.name):
+        with damage(UNREADABLE.format(raw.name)):
             _of_allowed_size(raw.header(io.BytesIO(data)))
             return raw.decode(data)
     image, end = _open(io.BytesIO(data))
     _header(image)
     if end not in data or (data.startswith(b"RIFF") and len(data) < 8 + int.from_bytes(data[4:8], "little")):
         raise InputError(f"truncated {image.format}")
-    try:
+    with damage(f"damaged {image.format}, it cannot be decoded"):
         _open(io.BytesIO(data))[0].verify()  # checksums, which decoding leaves out
         image.info.pop("transparency", None)  # what is transparent has a colour too; Pillow would warn about it
         plain = image if image.mode in ("I;16", "L") else image.convert("RGB")
         return np.array(ImageOps.exif_transpose(plain) if upright else plain)
-    except Exception as error:  # what a decoder makes of damaged data is not ours to foresee
-        if out_of_memory(error):
-            raise
-        raise InputError(f"damaged {image.format}, it cannot be decoded") from error
 
 
 def _open(file: BinaryIO) -> tuple[Decoder, bytes]:
@@ -124,25 +120,8 @@ def _open(file: BinaryIO) -> tuple[Decoder, bytes]:
     kind, end = next((FORMATS[magic] for magic in FORMATS if start.startswith(magic)), (None, b""))
     if kind is None:
         raise InputError("empty file" if not start else f"not {KNOWN}")
-    try:
+    with damage(f"a truncated or damaged {kind.format}, or one without pixels"):
         return kind(file), end
-    except Exception as error:
-        if out_of_memory(error):
-            raise
-        raise InputError(f"a truncated or damaged {kind.format}, or one without pixels") from error
-
-
-@contextmanager
-def _damage(kind: str) -> Iterator[None]:
-    """Whatever a reader makes of damaged data is an InputError."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        if out_of_memory(error):
-            raise
-        raise InputError(f"truncated or damaged {kind}, it cannot be read") from error
 
 
 def _of_allowed_size(header: ImageHeader) -> ImageHeader:

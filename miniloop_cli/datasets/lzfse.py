@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.damage import damage
 from miniloop_cli.datasets.optional_wheel import optional_wheel
 from miniloop_cli.datasets.paths import read_bytes
-from miniloop_cli.errors import InputError, out_of_memory
+from miniloop_cli.errors import InputError
 from miniloop_cli.runtime.artifact_store import content_fingerprint
 from miniloop_cli.scene.image_source import ImageHeader
 
@@ -64,12 +65,8 @@ def unpack(data: bytes, count: int) -> bytes:
     if bound > MAX_UNPACKED_BYTES:
         raise InputError("its compressed data may hold far more than the image: not unpacked")
     library = optional_wheel("liblzfse", "pyliblzfse", "phones")
-    try:
+    with damage("damaged LZFSE data, they cannot be decompressed"):
         found = library.decompress(data)
-    except Exception as error:
-        if out_of_memory(error):
-            raise
-        raise InputError("damaged LZFSE data, they cannot be decompressed") from error
     if len(found) != count:
         raise InputError("damaged LZFSE data, they do not hold what they state")
     return bytes(found)

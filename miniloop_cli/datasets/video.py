@@ -10,7 +10,6 @@ import os
 import threading
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -19,10 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.datasets.damage import damage
 from miniloop_cli.datasets.images import MAX_PIXELS
 from miniloop_cli.datasets.optional_wheel import optional_wheel
 from miniloop_cli.datasets.paths import open_file, shown
-from miniloop_cli.errors import InputError, out_of_memory
+from miniloop_cli.errors import InputError
 from miniloop_cli.runtime.artifact_store import file_fingerprint
 from miniloop_cli.runtime.kept_open import KeptOpen
 from miniloop_cli.scene.image_source import ImageHeader
@@ -93,7 +93,7 @@ class _Video:
         with open_file(path, MAX_VIDEO_BYTES) as file:
             kind = _kind(file.read(8))
         plain = type(path) is type(Path())
-        with _damage():
+        with damage(_reason):
             self._container = av.open(os.fspath(path) if plain else path.open("rb"), format=kind, options=OPTIONS)
             if not self._container.streams.video:
                 raise InputError("it holds no video")
@@ -114,7 +114,7 @@ class _Video:
         if self._stamps:
             return self._stamps, self._tick_s
         found = set()
-        with self._lock, _damage():
+        with self._lock, damage(_reason):
             self._at = None  # the packets read here are lost to the decoder
             for packet in self._container.demux(self._stream):
                 if packet.pts is not None and packet.size:
@@ -128,7 +128,7 @@ class _Video:
 
     def read(self, pts: int) -> NDArray[Any]:
         """(h, w, 3) uint8 RGB of the frame with this stamp. Raises InputError (reason only)."""
-        with self._lock, _damage():
+        with self._lock, damage(_reason):
             for kept in self._recent:
                 if kept.pts == pts:
                     return self._pixels(kept)
@@ -183,18 +183,10 @@ def _kind(start: bytes) -> str:
     raise InputError("no MP4, MOV or Matroska video")
 
 
-@contextmanager
-def _damage() -> Iterator[None]:
-    """Whatever FFmpeg makes of a damaged video is an InputError."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        if out_of_memory(error):
-            raise
-        reason = getattr(error, "strerror", None) or type(error).__name__
-        raise InputError(f"the video is damaged, cut off or without an index ({reason})") from error
+def _reason(error: Exception) -> str:
+    """What FFmpeg says of a damaged video."""
+    said = getattr(error, "strerror", None) or type(error).__name__
+    return f"the video is damaged, cut off or without an index ({said})"
 
 
 def _opened(path: Path) -> _Video:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol
 
-from miniloop_cli.errors import InputError, out_of_memory
+from miniloop_cli.datasets.damage import damage
+from miniloop_cli.errors import InputError
 
 MAX_MESSAGE_BYTES = 256 << 20
 MAX_CHUNK_BYTES = 512 << 20
@@ -102,19 +103,13 @@ def decompressed(data: bytes, how: str, limit: int) -> bytes:
         raise InputError(f"a chunk claims {limit / 2**20:.0f} MB, more than the {MAX_CHUNK_BYTES >> 20} MB allowed")
     if how in ("", "none"):
         return data
-    try:
+    with damage(f"a damaged {how} chunk"):
         if how == "bz2":
             return bz2.BZ2Decompressor().decompress(data, limit)
         if how == "lz4":
             return _wheel("lz4").LZ4FrameDecompressor().decompress(data, limit)
         if how == "zstd":
             return _wheel("zstd").ZstdDecompressor().decompress(data, limit)
-    except InputError:
-        raise
-    except Exception as error:  # every library has its own kind
-        if out_of_memory(error):
-            raise
-        raise InputError(f"a damaged {how} chunk") from error
     raise InputError(f"compressed by '{how[:20]}', which is not known here")
 
 
