@@ -21,16 +21,21 @@ def _size_px(width_m: float, height_m: float, density: float) -> tuple[int, int]
     return max(int(height_m * density), 4), max(int(width_m * density), 4)
 
 
+def _unpainted(kind: str, h: int, w: int, density: float, level: int) -> Bytes | None:
+    """The face of a scene without texture, or with the same everywhere; None where each is painted by itself."""
+    if kind == "textureless":
+        return np.full((h, w, 3), level, np.uint8)
+    return texture.repeated(h, w, density) if kind == "repeated" else None
+
+
 def room_paint(kind: str, rng: Generator, posters: int | None = None) -> Paint:
     """Walls, floor and ceiling; so many posters a wall, None: as many as its width has room for."""
 
     def paint(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 280.0
         h, w = _size_px(width_m, height_m, density)
-        if kind == "textureless":
-            return np.full((h, w, 3), 170, np.uint8), density
-        if kind == "repeated":
-            return texture.repeated(h, w, density), density
+        if (bare := _unpainted(kind, h, w, density, 170)) is not None:
+            return bare, density
         if face == FLOOR:
             image = texture.surface(h, w, rng, 22, texture.color(rng, 90, 150))
             texture.add_shapes(image, 90, rng, 40)
@@ -47,10 +52,8 @@ def goods_paint(kind: str, rng: Generator) -> Paint:
     def paint(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 400.0
         h, w = _size_px(width_m, height_m, density)
-        if kind == "textureless":
-            return np.full((h, w, 3), 140, np.uint8), density
-        if kind == "repeated":
-            return texture.repeated(h, w, density), density
+        if (bare := _unpainted(kind, h, w, density, 140)) is not None:
+            return bare, density
         image = texture.surface(h, w, rng, 28, texture.color(rng, 70, 200))
         texture.add_shapes(image, int(60 * width_m * height_m) + 6, rng, int(min(h, w) / 2) + 5)
         if rng.random() < 0.5 and min(h, w) > 80:

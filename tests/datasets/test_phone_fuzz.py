@@ -14,9 +14,9 @@ import pytest
 import recorded_by_apps as apps
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import attempt
 
 from miniloop_cli.datasets import open_sequence, read_ground_truth, read_scan
-from miniloop_cli.errors import MiniloopError
 
 MAX_MB = 1500  # that a process may grow by, libraries and the frames of a video included
 SMALL = apps.made_up(3, size=(64, 48), depth=(64, 48))
@@ -51,19 +51,6 @@ odd = st.one_of(
     st.lists(st.floats(), max_size=20),
     st.text(max_size=5),
 )
-
-
-def one_line(error: MiniloopError) -> None:
-    text = str(error)
-    assert text and len(text) < 2000 and text.isprintable()
-
-
-def attempt(action, *arguments):
-    try:
-        return action(*arguments)
-    except MiniloopError as error:
-        one_line(error)
-        return None
 
 
 def looked_at(path: Path) -> None:

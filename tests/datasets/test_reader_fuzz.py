@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import attempt
 
 from miniloop_cli.datasets import ImageFile, open_sequence, read_color, read_depth, read_ground_truth, read_scan
 from miniloop_cli.datasets.camera_files import read_camera_file
@@ -61,20 +62,6 @@ yaml_text = st.one_of(
     st.binary(max_size=100),
     st.text("[]{}&*!|>-?:,#%@`'\" \n\tab019", max_size=60).map(bytes_of),
 )
-
-
-def one_line(error: MiniloopError) -> None:
-    text = str(error)
-    assert text and "\n" not in text and len(text) < 2000
-    text.encode("utf-8")
-
-
-def attempt(action, *arguments):
-    try:
-        return action(*arguments)
-    except MiniloopError as error:
-        one_line(error)
-        return None
 
 
 @pytest.mark.slow
