@@ -99,8 +99,8 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
             doubts += [doubt, *texts]
     if carried := _followed_only(edges):
         doubts.append(
-            f"{carried} keyframes hang on the others by followed motion alone: no loop of matched frames checks it, "
-            "and it drifts"
+            f"{carried} keyframes are joined to the others by tracking alone: no matches confirm it, and its errors "
+            "add up"
         )
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
@@ -115,7 +115,7 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
 
 
 def _followed_only(edges: Edges) -> int:
-    """How many keyframes no verified match joins to most of the others; 0 where they are few."""
+    """How many keyframes no chain of matched frames joins to most of the others; 0 where these are few."""
     followed = np.array([solver == FOLLOWED for solver in edges.solver], bool)
     frames, ends = np.unique(np.stack([edges.i, edges.j], axis=1)[edges.verified], return_inverse=True)
     if not (followed & edges.verified).any():

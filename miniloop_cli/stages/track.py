@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
-from miniloop_cli.stages.artifacts import TRACKED
+from miniloop_cli.stages.artifacts import PROBED, TRACKED
 from miniloop_cli.stages.run import Run
 from miniloop_cli.tracking.front_end import shows_something, track_part
 
@@ -32,7 +33,7 @@ def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tra
     if settings.enabled == "auto" and not _close(how, run):
         return None
     parts = list(pairwise(_ends(sequence)))
-    keys = [_key(how, part, run) for part in parts]
+    keys = [run.store.key(TRACKED, _inputs(how, part)) for part in parts]
     found = {part: run.store.load(TRACKED, key) for part, key in zip(parts, keys, strict=True)}
     missing = [part for part in parts if found[part] is None]
     made = run.workers.spread(track_arrays, how, missing, "following points", len(missing))
@@ -62,8 +63,12 @@ def _close(how: How, run: Run) -> bool:
         return False
     starts = np.linspace(0, len(frames) - PROBE_LENGTH, PROBES).astype(int).tolist()
     probes = [(start, start + PROBE_LENGTH - 1) for start in starts]
-    tried = run.workers.map(lambda probe: track_part(*how, *probe), probes, "looking how frames follow", len(probes))
-    inner = np.concatenate([part.status[1:-1] for part in tried])
+
+    def tried() -> Arrays:
+        parts = run.workers.map(lambda probe: track_part(*how, *probe), probes, "looking how frames follow", PROBES)
+        return {"inner": np.concatenate([part.status[1:-1] for part in parts])}
+
+    inner = run.store.cached(PROBED, [_inputs(how, probe) for probe in probes], tried)["inner"]
     shown = np.isin(inner, (TrackStatus.FOLLOWED, TrackStatus.KEYFRAME))
     return bool((inner == TrackStatus.FOLLOWED).sum() >= max(MIN_FOLLOWED_SHARE * shown.sum(), 1))
 
@@ -73,11 +78,12 @@ def track_arrays(how: How, part: tuple[int, int]) -> Arrays:
     return track_part(*how, *part).arrays()
 
 
-def _key(how: How, part: tuple[int, int], run: Run) -> str:
+def _inputs(how: How, part: tuple[int, int]) -> Any:
+    """What the outcome for the frames first..last depends on."""
     sequence, depth, settings = how
     frames = sequence.frames[part[0] : part[1] + 1]
     files = [[source.fingerprint() for source in (f.color, f.depth, f.mask) if source] for f in frames]
     stamps_s = [frame.timestamp_s for frame in frames]
     cameras = (sequence.camera, [frame.camera for frame in frames])
     chosen = settings.model_dump(exclude={"enabled"})  # who asked for it changes nothing
-    return run.store.key(TRACKED, (files, stamps_s, depth, chosen, cameras, sequence.depth_format, part))
+    return files, stamps_s, depth, chosen, cameras, sequence.depth_format, part

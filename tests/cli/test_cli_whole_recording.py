@@ -92,7 +92,9 @@ def test_jobs_change_no_byte(found, dense, shared):
 
 
 def test_without_tracking_every_frame_is_a_scan(dense, shared):
-    off = "--config", "fast", "--set", "tracking.enabled=off", "--set", "refine=posegraph"
+    settings = ("tracking.enabled=off", "refine=posegraph", "features.count=300", "matching.exhaustive_max_scans=2")
+    settings += ("matching.retrieval_k=2", "matching.sequential_window=4")
+    off = [word for setting in settings for word in ("--set", setting)]
     output = register(dense, shared / "off", shared / "cache of one", *off, cwd=shared)
     frames, told = rows(output), summary(output)
     assert told["keyframes"] == told["registered"] == FRAMES

@@ -21,6 +21,7 @@ PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 PACKAGE = Path(artifacts.__file__).parents[1]
 RECORDED = Path(__file__).with_name("stage_code.json")
 MADE_BY = {
+    artifacts.PROBED: "stages/track.py",
     artifacts.TRACKED: "stages/track.py",
     artifacts.FEATURES: "stages/extract.py",
     artifacts.MATCHES: "stages/match.py",
