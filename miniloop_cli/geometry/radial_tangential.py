@@ -6,6 +6,8 @@ x_d = x g + 2 p1 x y + p2 (s + 2 x^2), y_d = y g + p1 (s + 2 y^2) + 2 p2 x y.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.polynomial import Polynomial
 
@@ -28,7 +30,7 @@ def distort(xy: Floats, c: Coefficients) -> Floats:
     p1, p2 = c[2:4]
     s = x * x + y * y
     with np.errstate(all="ignore"):
-        g, _ = _growth(s, c)
+        g = _share(s, c)
         bent_x = x * g + 2 * p1 * x * y + p2 * (s + 2 * x * x)
         bent = np.stack([bent_x, y * g + p1 * (s + 2 * y * y) + 2 * p2 * x * y], 1)
     bent[~(s <= limit(c)[0] ** 2)] = np.nan
@@ -47,13 +49,20 @@ def jacobian(xy: Floats, c: Coefficients) -> Floats:
     return np.stack([np.stack([xx, across], 1), np.stack([across, yy], 1)], 1)
 
 
+def _share(s: Floats, c: Coefficients) -> Floats:
+    """g at (n,) s."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*c, 0.0, 0.0, 0.0)[:8]
+    return np.asarray((1 + s * (k1 + s * (k2 + s * k3))) / (1 + s * (k4 + s * (k5 + s * k6))), float)
+
+
 def _growth(s: Floats, c: Coefficients) -> tuple[Floats, Floats]:
     """g and its derivative at (n,) s."""
     numerator, denominator = polynomials(c)
-    g = numerator(s) / denominator(s)
+    g = _share(s, c)
     return g, (numerator.deriv()(s) - g * denominator.deriv()(s)) / denominator(s)
 
 
+@cache
 def limit(c: Coefficients) -> tuple[float, float]:
     """Radius of ideal points up to which the measured radius grows with them, and the measured radius there.
 
