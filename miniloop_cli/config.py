@@ -35,6 +35,20 @@ class Features(Section):
     contrast: float = Field(
         0.02, gt=0, description="SIFT: contrast threshold; lower finds more in dim or plain images."
     )
+    first_octave: Literal["auto", -1, 0] = Field(
+        "auto",
+        description="SIFT: -1 doubles the image first, 0 does not, and takes a quarter of the time; auto: 0 for the "
+        "keyframes of whole recordings, in images of at least 640 x 480.",
+    )
+
+    def of_keyframes(self, width: int, height: int) -> Features:
+        """The settings for keyframes of whole recordings, whose images have this size in pixels.
+
+        There the points that are followed tell poses best; features find the places that were seen before.
+        """
+        if self.first_octave != "auto" or width * height < 640 * 480:
+            return self
+        return self.model_copy(update={"first_octave": 0})
 
 
 class Tracking(Section):

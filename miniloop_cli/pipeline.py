@@ -40,13 +40,14 @@ def register(
     Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
     watch, run, estimation = Stopwatch(), Run(store, workers, seed), settings.estimation
-    whole, of_whole = sequence, priors
+    whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
         tracked = follow(sequence, settings, run)
     if tracked:
         sequence, priors = keyframes_only(sequence, tracked.keyframes), priors_of(priors, tracked.keyframes)
+        features = features.of_keyframes(sequence.camera.width, sequence.camera.height)
     with watch.stage("features"):
-        scans = extract(sequence, settings.features, settings.depth, run)
+        scans = extract(sequence, features, settings.depth, run)
     with watch.stage("matching"):
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.feature_types import FEATURE_TYPES
+from miniloop_cli.feature_types import FEATURE_TYPES, Detector, Keypoints
 from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 
 
@@ -30,16 +31,29 @@ class Detection:
         return Detection(self.px[which], self.radius_px[which], self.response[which], self.descriptors[which])
 
 
-def detect(gray: Bytes, kind: str, count: int, contrast: float = 0.02) -> Detection:
+def detect(gray: Bytes, kind: str, count: int, contrast: float = 0.02, first_octave: int = -1) -> Detection:
     """Detect and describe the `count` strongest features of a (h, w) uint8 image; `kind` is one of FEATURE_TYPES.
 
-    Deterministic; ties are broken by position.
+    first_octave: of SIFT, -1 or 0 (Lowe 2004, section 3.3). Deterministic; ties are broken by position.
     """
     feature_type = FEATURE_TYPES[kind]
-    found = feature_type.detector(gray, count, contrast)
+    detector = feature_type.detector
+    if first_octave == 0 and feature_type.blob:
+        detector = partial(_from_own_size, detector)
+    found = detector(gray, count, contrast)
     order = np.lexsort((found.px[:, 0], found.px[:, 1], -found.response))[:count]
     descriptors = np.ascontiguousarray(found.descriptors[order], feature_type.descriptors.dtype)
     return Detection(found.px[order], found.radius_px[order], found.response[order], descriptors)
+
+
+def _from_own_size(doubling: Detector, gray: Bytes, count: int, contrast: float) -> Keypoints:
+    """What a detector that doubles its image finds when it begins with the image as it is: it is given half of it."""
+    import cv2
+
+    half = np.asarray(cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+    found = doubling(half, count, contrast)
+    # A pixel of the half is the mean of four: its centre lies between theirs.
+    return found._replace(px=2 * found.px + 0.5, radius_px=2 * found.radius_px)
 
 
 def comparable(descriptors: NDArray[Any], kind: str) -> NDArray[Any]:

@@ -20,7 +20,8 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
     gray = np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)
     hidden = 0.0 if scan.mask is None else scan.mask.mean()
     # About as many for the part of the image that is not hidden as there would be for all of it.
-    found = detect(gray, features.type, int(np.ceil(features.count / max(1 - hidden, 0.1))), features.contrast)
+    count, octave = int(np.ceil(features.count / max(1 - hidden, 0.1))), 0 if features.first_octave == 0 else -1
+    found = detect(gray, features.type, count, features.contrast, octave)
     if scan.mask is not None:
         found = found.rows(np.flatnonzero(clear_of(scan.mask, found.px, found.radius_px))[: features.count])
     z_m = depth_at(scan.depth_m, found.px, depth)
