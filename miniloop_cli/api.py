@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
     from miniloop_cli.scene.registration import Registration
-    from miniloop_cli.scene.sequence import Note
 
 LOG = logging.getLogger("miniloop")
 
@@ -54,6 +53,7 @@ def register(
     from miniloop_cli.datasets import open_sequence
     from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.pipeline import register as run_pipeline
+    from miniloop_cli.pipeline import tell
     from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.artifact_store import Store, default_folder
     from miniloop_cli.runtime.dask_cluster import connected
@@ -67,9 +67,10 @@ def register(
     sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
     LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
     LOG.info("camera: %s", sequence.camera.source)
-    _tell(sequence.notes)
+    alone = sequence.color_only
+    tell(note for note in sequence.notes if not alone or note != alone.left_out)
     priors = read_priors(sequence, gravity, pose_prior)
-    _tell(priors.notes)
+    tell(priors.notes)
     target = Path(output) if output else Path("results") / sequence.name
     store = Store(default_folder(), fresh)
     with exclusive(target), connected(cluster) if cluster else nullcontext() as connection:
@@ -83,11 +84,6 @@ def register(
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
         _write(run, target, workers, store)
     return run
-
-
-def _tell(notes: Iterable[Note]) -> None:
-    for note in notes:
-        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
 
 
 def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -25,9 +27,17 @@ from miniloop_cli.stages.refine import refine
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.stages.track import track
-from miniloop_cli.tracking.all_frames import in_frames, keyframes_only, of_all_frames, priors_of, with_followed
+from miniloop_cli.tracking.all_frames import (
+    in_frames,
+    keyframes_only,
+    of_all_frames,
+    priors_among,
+    priors_of,
+    with_followed,
+)
 from miniloop_cli.verification.priors import apply_priors
 
+LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
 
 
@@ -43,8 +53,12 @@ def register(
     whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
         tracked = follow(sequence, settings, run)
+    if sequence.color_only:  # only now it is known what becomes of these images
+        tell(sequence.color_only.taken_in if tracked else [sequence.color_only.left_out])
     if tracked:
-        sequence, priors = keyframes_only(sequence, tracked.keyframes), priors_of(priors, tracked.keyframes)
+        whole, rows = sequence.with_color_only()
+        priors = of_whole = priors_among(priors, rows, len(whole.frames))
+        sequence, priors = keyframes_only(whole, tracked.keyframes), priors_of(priors, tracked.keyframes)
         features = features.of_keyframes(sequence.camera.width, sequence.camera.height)
     with watch.stage("features"):
         scans = extract(sequence, features, settings.depth, run)
@@ -53,7 +67,7 @@ def register(
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
         edges, vertical, said = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
-        notes = (*sequence.notes, *priors.notes, *said)
+        notes = (*whole.notes, *priors.notes, *said)
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
@@ -81,6 +95,12 @@ def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
     if settings.matching.pairs not in ("auto", "exhaustive"):
         return None
     return track(sequence, settings.depth, settings.tracking, run)
+
+
+def tell(notes: Iterable[Note]) -> None:
+    """Log the notes, those that make a result doubtful as warnings."""
+    for note in notes:
+        LOG.log(logging.WARNING if note.doubtful else logging.INFO, "%s", note)
 
 
 def _registration(

@@ -20,7 +20,7 @@ from miniloop_cli.datasets.read import require_color_size
 from miniloop_cli.datasets.registry import BUILT_IN, find_layout, known_layouts, load_layouts
 from miniloop_cli.datasets.upright import with_upright_colour
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Note, NoteKind, Sequence
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
 
 LOG = logging.getLogger("miniloop")
 LOOKED_INTO = 20  # sub-folders in which a recording is looked for, to name it
@@ -71,7 +71,8 @@ def open_sequence(
     if max_frames is not None and max_frames < len(sequence.frames):
         keep = np.round(np.linspace(0, len(sequence.frames) - 1, max(max_frames, 1))).astype(int)
         # Images that were left out on purpose are not images without partner.
-        sequence = replace(sequence, frames=tuple(sequence.frames[i] for i in keep), available=(0, 0))
+        chosen = tuple(sequence.frames[i] for i in keep)
+        sequence = replace(sequence, frames=chosen, available=(0, 0), color_only=None)
     return sequence
 
 
@@ -148,20 +149,22 @@ def _with_masks(sequence: Sequence) -> Sequence:
     """Attach mask/<name of the colour image>.png where the recording has such a folder."""
     if not (sequence.root / "mask").is_dir():
         return sequence
-    frames, found = [], 0
-    for frame in sequence.frames:
+
+    def masked(frame: Frame) -> Frame:
         name = Path(frame.color.name)
         path = within(sequence.root, f"mask/{name.stem}.png", f"the mask of {shown(name)}")
-        found += path.exists()
-        frames.append(replace(frame, mask=ImageFile(path)) if path.exists() else frame)
-    text = f"masks for {found} of {len(frames)} frames: their pixels are ignored"
-    kind = NoteKind.PAIRED if found == len(frames) else NoteKind.DROPPED
-    return replace(sequence, frames=tuple(frames), notes=(*sequence.notes, Note(kind, text)))
+        return replace(frame, mask=ImageFile(path)) if path.exists() else frame
+
+    sequence = sequence.with_frames(masked)
+    found = sum(frame.mask is not None for frame in sequence.frames)
+    text = f"masks for {found} of {len(sequence.frames)} frames: their pixels are ignored"
+    kind = NoteKind.PAIRED if found == len(sequence.frames) else NoteKind.DROPPED
+    return replace(sequence, notes=(*sequence.notes, Note(kind, text)))
 
 
 def _files(sequence: Sequence) -> Iterator[Path]:
     """The files in which the images of all frames lie, other than the recording itself."""
-    for frame in sequence.frames:
+    for frame in sequence.with_color_only()[0].frames:
         depth = frame.depth
         parts = (depth.depth, depth.confidence) if isinstance(depth, ConfidentDepth) else (depth,)
         for source in (frame.color, *parts, frame.mask):

@@ -13,7 +13,8 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.stamps import SECONDS, UNITS, Unit, apart, in_seconds, unit_notes, unit_of
 from miniloop_cli.datasets.stream import RATE_HZ, Stream
 from miniloop_cli.errors import InputError
-from miniloop_cli.scene.sequence import Frame, Note, NoteKind, dropped_images
+from miniloop_cli.scene.no_depth import NoDepth
+from miniloop_cli.scene.sequence import ColorOnly, Frame, Note, NoteKind, dropped_images
 from miniloop_cli.typing import Floats, Ints
 
 PART_GAP_S = 10.0  # between parts of a clock that starts again: no motion is interpolated across
@@ -21,11 +22,15 @@ PART_GAP_S = 10.0  # between parts of a clock that starts again: no motion is in
 
 @dataclass(frozen=True)
 class Paired:
-    """Frames sorted by time, what was done to get them, and how many colour and depth images there were."""
+    """Frames sorted by time, what was done to get them, and how many colour and depth images there were.
+
+    color_only: colour images without a partner, where the stamps of both streams are their own.
+    """
 
     frames: tuple[Frame, ...]
     notes: tuple[Note, ...]
     available: tuple[int, int]
+    color_only: ColorOnly | None = None
 
 
 def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_hz: float = RATE_HZ) -> Paired:
@@ -62,7 +67,30 @@ def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_h
         )
         for i, j in rows.tolist()
     )
-    return Paired(frames, (*notes, *said), (len(color.sources), len(depth.sources)))
+    found = Paired(frames, (*notes, *said), (len(color.sources), len(depth.sources)))
+    return found if depth_s is None else replace(found, color_only=_color_only(color, color_s, depth, rows, said))
+
+
+def _color_only(color: Stream, color_s: Floats, depth: Stream, rows: Ints, said: list[Note]) -> ColorOnly | None:
+    """The colour images of which no pair (m, 2) has one; None if there are none. Of equal stamps one image is used."""
+    paired = np.zeros(len(color_s), bool)
+    paired[rows[:, 0]] = True
+    order = np.lexsort((np.arange(len(color_s)), ~paired))
+    _, first = np.unique(np.round(color_s[order], 6), return_index=True)
+    single = np.setdiff1d(order[first], rows[:, 0]).tolist()
+    if not single:
+        return None
+    frames = tuple(Frame(float(color_s[i]), color.sources[i], NoDepth(color.sources[i])) for i in single)
+    within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
+    text = f"{len(single)} colour images have no depth image {within}: only points that are followed tell their poses"
+    notes = [Note(NoteKind.PAIRED, text)]
+    twice, left = len(color_s) - len(rows) - len(single), len(depth.sources) - len(rows)
+    if twice:
+        notes.append(dropped_images(f"{twice} colour images have the stamps of others", twice, len(color_s)))
+    if left:
+        text = f"{left} of {len(depth.sources)} depth images have no colour image {within}"
+        notes.append(dropped_images(text, left, len(depth.sources)))
+    return ColorOnly(frames, said[-1], tuple(notes))
 
 
 def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from miniloop_cli.datasets.registry import find_layout
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
+from miniloop_cli.scene.no_depth import NoDepth
 from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
 from miniloop_cli.typing import Bools, Bytes
 
@@ -59,13 +61,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         color = read_color(source)
         require_color_size(color.shape, sequence.camera)
         source = frame.depth
-        stored = read_depth(source, sequence.depth_format.floating)
-        if sequence.depth_camera:
-            _require_depth_size(stored.shape, sequence.depth_camera.camera)
-        elif sequence.depth_format.resample:
-            stored = _resampled(stored, color.shape)
-        else:
-            _require_registered(stored.shape, color.shape)
+        stored = _stored_depth(sequence, source, color.shape)
         mask = None
         if frame.mask:
             source = frame.mask
@@ -79,7 +75,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     depth_m = stored.astype(np.float32) / scale
     for value in sequence.depth_format.no_reading:
         depth_m[stored == np.asarray(value, stored.dtype)] = 0
-    if own := sequence.depth_camera:
+    if (own := sequence.depth_camera) and not isinstance(frame.depth, NoDepth):
         # Most recordings come registered, and need not wait for a compiler.
         from miniloop_cli.geometry.depth_registration import register_depth
 
@@ -87,6 +83,20 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)
+
+
+def _stored_depth(sequence: Sequence, source: ImageSource, color: Shape) -> NDArray[Any]:
+    """Depth as stored, of the size that it must have beside colour (h, w, 3)."""
+    if isinstance(source, NoDepth):
+        return np.zeros(color[:2], np.uint16)
+    stored = read_depth(source, sequence.depth_format.floating)
+    if sequence.depth_camera:
+        _require_depth_size(stored.shape, sequence.depth_camera.camera)
+    elif sequence.depth_format.resample:
+        return _resampled(stored, color)
+    else:
+        _require_registered(stored.shape, color)
+    return stored
 
 
 def check_headers(sequence: Sequence, index: int) -> None:
@@ -111,7 +121,8 @@ def read_ground_truth(sequence: Sequence) -> Trajectory | None:
 
     Raises InputError naming file and line where they cannot be read.
     """
-    return find_layout(sequence.layout).ground_truth(sequence)
+    with_depth = tuple(frame for frame in sequence.frames if not isinstance(frame.depth, NoDepth))
+    return find_layout(sequence.layout).ground_truth(replace(sequence, frames=with_depth))  # rows may count the pairs
 
 
 def require_color_size(shape: Shape, camera: Camera) -> None:

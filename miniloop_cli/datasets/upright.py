@@ -23,14 +23,14 @@ def with_upright_colour(sequence: Sequence) -> Sequence:
         return sequence
     orientation, stored, depth = found
     if orientation >= 5 and _alike(stored[::-1], depth) and not _alike(stored, depth):
-        frames = tuple(
-            replace(frame, color=replace(frame.color, upright=True)) if isinstance(frame.color, ImageFile) else frame
-            for frame in sequence.frames
-        )
         note = Note(NoteKind.CONVERTED, "colour is rotated by its EXIF orientation, to match the depth images")
-        return replace(sequence, frames=frames, notes=(*sequence.notes, note))
+        return replace(sequence.with_frames(_turned), notes=(*sequence.notes, note))
     text = f"the EXIF orientation ({orientation}) is not applied to colour: depth has none, and both are used as stored"
     return replace(sequence, notes=(*sequence.notes, Note(NoteKind.ASSUMED, text)))
+
+
+def _turned(frame: Frame) -> Frame:
+    return replace(frame, color=replace(frame.color, upright=True)) if isinstance(frame.color, ImageFile) else frame
 
 
 def _shapes(frame: Frame) -> tuple[int, tuple[int, int], tuple[int, int]] | None:

@@ -66,7 +66,9 @@ class Model:
         if self.sequence is None:
             why = f" ({self.problem})" if self.problem else ""
             raise InputError(f"this needs the images and the camera: give the recording with --sequence{why}")
-        return with_min_confidence(self.sequence, self.depth_settings.min_confidence)
+        whole, _ = self.sequence.with_color_only()
+        took_part = len(self.results.frame_stamps_s) == len(whole.frames)
+        return with_min_confidence(whole if took_part else self.sequence, self.depth_settings.min_confidence)
 
     @cached_property
     def recording_rows(self) -> Ints:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
-from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,18 @@ def dropped_images(text: str, left: int, total: int) -> Note:
 
 
 @dataclass(frozen=True)
+class ColorOnly:
+    """Colour images that no depth image belongs to.
+
+    left_out: the note that they are not used; taken_in: the notes in its place where points are followed through them.
+    """
+
+    frames: tuple[Frame, ...]
+    left_out: Note
+    taken_in: tuple[Note, ...]
+
+
+@dataclass(frozen=True)
 class DepthFormat:
     """How a layout stores depth beyond the camera's scale."""
 
@@ -122,6 +135,23 @@ class Sequence:
     layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in
     depth_camera: DepthCamera | None = None  # where depth is not registered to colour
     topics: str = ""  # of a bag, as the user named them
+    color_only: ColorOnly | None = None  # left out, unless points are followed from frame to frame
+
+    def with_frames(self, change: Callable[[Frame], Frame]) -> Sequence:
+        """The recording with every frame changed, those without depth, too."""
+        alone = self.color_only
+        changed = replace(alone, frames=tuple(map(change, alone.frames))) if alone else None
+        return replace(self, frames=tuple(map(change, self.frames)), color_only=changed)
+
+    def with_color_only(self) -> tuple[Sequence, Ints]:
+        """The recording with its colour images without depth among the frames; the rows there of the frames here."""
+        if self.color_only is None:
+            return self, np.arange(len(self.frames))
+        all_frames = (*self.frames, *self.color_only.frames)
+        order = np.argsort([frame.timestamp_s for frame in all_frames], kind="stable")
+        notes = (*(note for note in self.notes if note != self.color_only.left_out), *self.color_only.taken_in)
+        whole = replace(self, frames=tuple(all_frames[k] for k in order), notes=notes, color_only=None)
+        return whole, np.flatnonzero(order < len(self.frames))
 
     @property
     def stamps_s(self) -> Floats:

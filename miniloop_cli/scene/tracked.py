@@ -22,6 +22,7 @@ class TrackStatus(IntEnum):
     KEYFRAME = 1
     UNREADABLE = 2
     BLANK = 3  # black, or of one colour
+    NO_DEPTH = 4  # nor points that tie it to a keyframe
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,16 @@ How = tuple[Sequence, Depth, Tracking]
 
 
 def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tracked | None:
-    """All frames of a recording by the points that were followed through them; None where every frame is a scan."""
+    """All frames of a recording by the points that were followed through them; None where every frame is a scan.
+
+    All: with the colour images that have no depth, as in `Sequence.with_color_only`.
+    """
+    if len(sequence.frames) < 3 or settings.enabled is False:
+        return None
+    if settings.enabled == "auto" and not _close((sequence, depth, settings), run):
+        return None
+    sequence, _ = sequence.with_color_only()
     n, how = len(sequence.frames), (sequence, depth, settings)
-    if n < 3 or settings.enabled is False:
-        return None
-    if settings.enabled == "auto" and not _close(how, run):
-        return None
     parts = list(pairwise(_ends(sequence)))
     keys = [run.store.key(TRACKED, _inputs(how, part)) for part in parts]
     found = {part: run.store.load(TRACKED, key) for part, key in zip(parts, keys, strict=True)}

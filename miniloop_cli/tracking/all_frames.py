@@ -14,7 +14,7 @@ from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.tracked import Tracked, TrackStatus
 from miniloop_cli.scene.verdict import Rejection, Verdict
-from miniloop_cli.typing import Ints
+from miniloop_cli.typing import Floats, Ints
 
 
 def keyframes_only(sequence: Sequence, keyframes: Ints) -> Sequence:
@@ -27,6 +27,19 @@ def priors_of(priors: Priors, keyframes: Ints) -> Priors:
     accelerometer, T = priors.accelerometer, priors.T_world_cam
     of_keyframes = replace(accelerometer, up=accelerometer.up[keyframes]) if accelerometer else None
     return Priors(of_keyframes, None if T is None else T[keyframes], priors.notes)
+
+
+def priors_among(priors: Priors, rows: Ints, n: int) -> Priors:
+    """What is known of frames that are these rows of n; nothing is known of the others."""
+
+    def spread(known: Floats) -> Floats:
+        whole = np.full((n, *known.shape[1:]), np.nan)
+        whole[rows] = known
+        return whole
+
+    accelerometer, T = priors.accelerometer, priors.T_world_cam
+    of_all = replace(accelerometer, up=spread(accelerometer.up)) if accelerometer else None
+    return Priors(of_all, None if T is None else spread(T), priors.notes)
 
 
 def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:

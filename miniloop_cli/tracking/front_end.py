@@ -6,6 +6,7 @@ a keyframe when few of the last one's points are left, so that whatever comes ne
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,21 +36,34 @@ LEAST_CONTRAST = 2.0  # standard deviation of the gray values: with less, nothin
 
 
 def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int, last: int) -> TrackedPart:
-    """Follow points through the frames first..last; both ends are keyframes, as far as they can be read."""
+    """Follow points through the frames first..last; both ends are keyframes if they can be read and have depth."""
     part = TrackedPart.of(first, last)
     tracker = _Tracker(sequence.camera, depth, settings, part)
-    for number in range(first, last + 1):
+    for frame in _frames(sequence, range(first, last + 1), part):
+        tracker.add(frame, frame.number == last)
+    keyframe = int((part.status == TrackStatus.KEYFRAME).argmax())
+    if keyframe > 0 and (part.status[:keyframe] == TrackStatus.NO_DEPTH).any():
+        # Colour begins before depth does: what comes before the first keyframe is followed backwards from it.
+        backwards = _Tracker(sequence.camera, depth, settings, part, tracker.tracks)
+        for frame in _frames(sequence, range(first + keyframe, first - 1, -1), part):
+            backwards.add(frame, False)
+    return part
+
+
+def _frames(sequence: Sequence, numbers: range, part: TrackedPart) -> Iterator[_Frame]:
+    """The frames that show something, in this order; the part is told of the others."""
+    for number in numbers:
         try:
             scan = read_scan(sequence, number)
         except InputError as error:
             part.set(number, TrackStatus.UNREADABLE, str(error))
             continue
-        frame = _Frame(number, scan, _gray(scan), sequence.frames[number].timestamp_s)
+        has_depth = bool((scan.depth_m > 0).any())
+        frame = _Frame(number, scan, _gray(scan), sequence.frames[number].timestamp_s, has_depth)
         if float(frame.gray.std()) < LEAST_CONTRAST:
             part.set(number, TrackStatus.BLANK, f"the image shows nothing (mean {frame.gray.mean():.0f} of 255)")
             continue
-        tracker.add(frame, number == last)
-    return part
+        yield frame
 
 
 def shows_something(sequence: Sequence, number: int) -> bool:
@@ -72,6 +86,7 @@ class _Frame(NamedTuple):
     scan: Scan
     gray: Bytes
     stamp_s: float
+    has_depth: bool
 
 
 @dataclass
@@ -89,14 +104,14 @@ class _Tracker:
     """Takes one frame after the other, and writes what it sees of each into a part.
 
     Row k of the points (`_px`, `_track`, the key's px and p_key) is the same point. `_found`: the points were found in
-    the last frame; else they are where they were seen last.
+    the last frame; else they are where they were seen last. `tracks`: how many tracks the part has.
     """
 
-    def __init__(self, camera: Camera, depth: Depth, settings: Tracking, part: TrackedPart) -> None:
+    def __init__(self, camera: Camera, depth: Depth, settings: Tracking, part: TrackedPart, tracks: int = 0) -> None:
         self._camera, self._depth, self._settings, self._part = camera, depth, settings, part
         self._key: _Key | None = None
         self._px, self._track = NO_POINTS, np.zeros(0, np.int64)
-        self._found, self._next_track = False, 0
+        self._found, self.tracks = False, tracks
         self._T_cam_key = np.eye(4)
         self._step, self._step_s = np.eye(4), 0.0  # the camera's motion in the last frame, and over how many seconds
         self._stamp_s = 0.0
@@ -105,23 +120,30 @@ class _Tracker:
         """Tie a frame to the last keyframe, or make it one; the `last` one becomes one in any case."""
         link, enough = self._linked(frame, self._key) if self._key else (None, False)
         if self._key and link:
+            self._part.set(frame.number, TrackStatus.FOLLOWED)
             self._part.link(frame.number, self._key.frame.number, link)
             # A surface tells too little of one frame's step to say how the motion goes on.
-            self._step_s = 0.0 if link.by_surface else frame.stamp_s - self._stamp_s
+            self._step_s = 0.0 if link.by_surface else abs(frame.stamp_s - self._stamp_s)
             self._step = link.T_cam_key @ se3.inverse(self._T_cam_key)
             self._T_cam_key = link.T_cam_key
         if not link or not enough or last:
-            self._make_key(frame)
+            if frame.has_depth:
+                self._make_key(frame)
+            elif not link:
+                text = "the image has no depth, and no points tie it to a keyframe"
+                self._part.set(frame.number, TrackStatus.NO_DEPTH, text)
         self._stamp_s = frame.stamp_s
         if self._found:
             self._observe(frame)
 
     def _linked(self, frame: _Frame, key: _Key) -> tuple[Link | None, bool]:
         """The motion since the keyframe, None where nothing tells it; and whether the keyframe will do for the next."""
-        predicted = self._predicted(frame.stamp_s - self._stamp_s)
+        predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
         link = self._by_points(frame, key, predicted)
         enough = link is not None and len(self._px) >= self._settings.min_followed * key.count
         if link and link.support >= FEW_POINTS:
+            return link, enough
+        if not frame.has_depth:
             return link, enough
         other, still_seen = self._by_surface(frame, key, link.T_cam_key if link else predicted)
         if link and not (other and openness(other.information) < openness(link.information)):
@@ -163,7 +185,7 @@ class _Tracker:
         if motion is None:
             return None, False
         step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
-        information = _with_lag(motion.information, step, frame.stamp_s - self._stamp_s)
+        information = _with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s))
         if openness(information) > 1:
             return None, False
         # Where there are points again, they are followed from here on.
@@ -202,8 +224,8 @@ class _Tracker:
         more = new_corners(frame.gray, self._px, self._settings.points - len(self._px), allowed)
         more = more[~_on_outline(frame.scan, more, self._depth)]
         self._px = np.concatenate([self._px, more])
-        self._track = np.concatenate([self._track, self._next_track + np.arange(len(more))])
-        self._next_track += len(more)
+        self._track = np.concatenate([self._track, self.tracks + np.arange(len(more))])
+        self.tracks += len(more)
         px = self._px.astype(float)
         z_m = depth_at(frame.scan.depth_m, px, self._depth)
         self._key = _Key(frame, self._px, self._camera.backproject(self._camera.undistort(px), z_m), len(px))

@@ -1,5 +1,6 @@
 """Points followed through recordings: right motions where there is something to see, and torn where there is a cut."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,13 @@ from walls import CAMERA, frame, path, recording, wall_frames
 from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
+from miniloop_cli.scene.no_depth import NoDepth
 from miniloop_cli.scene.tracked import TrackedPart, TrackStatus
 from miniloop_cli.simulation import SimulationSettings, true_trajectory, write_sequence
 from miniloop_cli.tracking.front_end import track_part
 
 N = 40
-FOLLOWED, KEYFRAME, UNREADABLE, BLANK = TrackStatus
+FOLLOWED, KEYFRAME, UNREADABLE, BLANK, NO_DEPTH = TrackStatus
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,34 @@ def test_motions_are_those_of_the_camera(part, truth):
     deg, m = errors(part, truth)
     assert deg.max() < 0.08 and m.max() < 0.002
     assert (np.linalg.eigvalsh(part.information[1:])[:, 0] > 0).all()
+
+
+def without_depth(frames, numbers):
+    """The frames, some of which are colour images alone."""
+    return [replace(f, depth=NoDepth(f.color)) if k in numbers else f for k, f in enumerate(frames)]
+
+
+def test_colour_images_without_depth_are_followed_forwards_and_backwards(frames, truth):
+    alone = {0, 1, 2, 10, 11, 20, N - 2, N - 1}
+    part = tracked(without_depth(frames, alone))
+    assert part.status[3] == KEYFRAME and part.key[3] == -1
+    assert (part.status[sorted(alone)] == FOLLOWED).all() and (part.key[:3] == 3).all()
+    deg, m = errors(part, truth)
+    rows = np.delete(np.arange(N), 3)  # all but the first keyframe
+    with_depth = ~np.isin(rows, sorted(alone))
+    assert len(deg) == N - 1 and deg[with_depth].max() < 0.08 and m[with_depth].max() < 0.002
+    assert deg.max() < 0.25 and m.max() < 0.009  # pixels alone, of fewer points where no keyframe could be made
+    seen = part.arrays()
+    assert np.isnan(seen["seen_z_m"][np.isin(seen["seen_frame"], sorted(alone))]).all()
+    rows = np.stack([seen["seen_frame"], seen["seen_track"]], axis=1)
+    assert len(np.unique(rows, axis=0)) == len(rows)  # what is followed backwards has tracks of its own
+
+
+def test_a_colour_image_without_depth_that_shows_another_place_gets_no_pose(frames):
+    mixed = without_depth(frames[:10] + wall_frames(path(3), seed=9) + frames[13:20], {10, 11, 12})
+    part = tracked(mixed)
+    assert (part.status[10:13] == NO_DEPTH).all() and (part.key[10:13] == -1).all()
+    assert "no depth" in str(part.problem[11]) and (part.key[13:] >= 0).all()
 
 
 def test_observations_are_where_the_points_are(part, truth):

@@ -59,7 +59,14 @@ class AzureKinect:
             text = f"{shown(root.name)} was cut off or is damaged at byte {video.cut_at}: what comes after is not read"
             notes.insert(0, Note(NoteKind.DROPPED, text))
         return Sequence(
-            root.stem, root, camera, pairs.frames, None, tuple(notes), pairs.available, depth_camera=depth_camera
+            root.stem,
+            root,
+            camera,
+            pairs.frames,
+            notes=tuple(notes),
+            available=pairs.available,
+            depth_camera=depth_camera,
+            color_only=pairs.color_only,
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:

@@ -58,7 +58,9 @@ class Bonn:
         camera = given_camera(root, camera_path, found.frames, CAMERA.depth_scale) or CAMERA
         truth = root / "groundtruth.txt"
         given = truth if truth.is_file() else None
-        return Sequence(root.name, root, camera, found.frames, given, found.notes, found.available)
+        return Sequence(
+            root.name, root, camera, found.frames, given, found.notes, found.available, color_only=found.color_only
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The poses of the colour camera, from those of the markers by the published transformation."""

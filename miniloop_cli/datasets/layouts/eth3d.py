@@ -42,7 +42,9 @@ class Eth3d:
             camera = make_camera(values, shown(path), f"the sequence's own {CALIBRATION}")
         truth = root / "groundtruth.txt"
         given = truth if truth.is_file() else None
-        return Sequence(root.name, root, camera, found.frames, given, found.notes, found.available)
+        return Sequence(
+            root.name, root, camera, found.frames, given, found.notes, found.available, color_only=found.color_only
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The motion capture trajectory, where there is one."""

@@ -49,7 +49,9 @@ class OpenLoris:
                 f"{POSES} holds poses of the robot's base, and without {TRANSFORMS} those of the camera are not known"
             )
             notes, truth = (*notes, Note(NoteKind.UNUSED, text)), None
-        return Sequence(root.name, root, camera, found.frames, truth, notes, found.available)
+        return Sequence(
+            root.name, root, camera, found.frames, truth, notes, found.available, color_only=found.color_only
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The poses of the colour camera, from those of the robot's base."""

@@ -65,7 +65,16 @@ class RealSenseBag:
             f"depth of {1000 / scale:g} mm a unit is registered to colour by the recorded calibration of both cameras"
         )
         notes = (*damage_notes(root, bag), *pairs.notes, Note(NoteKind.CONVERTED, text))
-        return Sequence(root.stem, root, camera, pairs.frames, None, notes, pairs.available, depth_camera=own)
+        return Sequence(
+            root.stem,
+            root,
+            camera,
+            pairs.frames,
+            notes=notes,
+            available=pairs.available,
+            depth_camera=own,
+            color_only=pairs.color_only,
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """None."""

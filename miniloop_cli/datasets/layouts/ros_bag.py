@@ -47,7 +47,16 @@ class RosBag:
         used = {color.name, depth.name}
         notes = (*damage_notes(root, bag), *pairs.notes, said, *_unused(used, found))
         name = root.name if root.is_dir() else root.stem
-        return Sequence(name, root, camera, pairs.frames, None, notes, pairs.available, depth_camera=depth_camera)
+        return Sequence(
+            name,
+            root,
+            camera,
+            pairs.frames,
+            notes=notes,
+            available=pairs.available,
+            depth_camera=depth_camera,
+            color_only=pairs.color_only,
+        )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """None: a bag does not say which of its poses are the camera's."""

@@ -45,6 +45,7 @@ class Tum:
             ground_truth_path=truth if truth.exists() else None,
             notes=(*found.notes, *beside),
             available=found.available,
+            color_only=found.color_only,
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
