@@ -27,25 +27,44 @@ def sample_points(points: Sequence[ScanPoints]) -> Floats:
 
 def partners(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera, most: int) -> list[Pair]:
     """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted."""
-    share = in_view(T_world_cam, scans, points, camera)
-    share = np.minimum(share, share.T)
-    np.fill_diagonal(share, 0.0)
-    best = np.argsort(-share, axis=1, kind="stable")[:, :most]
-    pairs = {
-        (int(min(scans[a], scans[b])), int(max(scans[a], scans[b])))
-        for a, row in enumerate(best)
-        for b in row
-        if share[a, b] >= MIN_SHARE
-    }
+    views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
+    for a in range(len(scans)):  # row by row: of a long recording, all pairs do not fit in memory
+        share = _mutual_shares(a, *views, MIN_SHARE)
+        near = np.flatnonzero(share >= MIN_SHARE)
+        for b in near[np.argsort(-share[near], kind="stable")][:most]:
+            pairs.add((int(min(scans[a], scans[b])), int(max(scans[a], scans[b]))))
     return sorted(pairs)
 
 
 def in_view(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera) -> Floats:
     """(m, m) share of the points of each of the m `scans` (row) that lie in the image of each other (column)."""
+    return _shares(*_views(T_world_cam, scans, points, camera))
+
+
+def _views(
+    T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Poses (m, 4, 4) of the scans, their inverses, sample points (m, SAMPLE, 3); fx fy cx cy width height."""
     T = np.ascontiguousarray(T_world_cam[scans])
     sample = sample_points([points[k] for k in scans])
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height])
-    return _shares(T, np.ascontiguousarray(se3.inverse(T)), sample, lens)
+    return T, np.ascontiguousarray(se3.inverse(T)), sample, lens
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share(T: Floats, points: Floats, lens: Floats, least: float) -> float:
+    """Share of the points (k, 3) that lie in the image of a camera which they reach by T (4, 4); 0 if below `least`."""
+    seen, count = 0, points.shape[0]
+    for k in range(count):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth > 0.2:
+            u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
+            v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
+            seen += 0 <= u < lens[4] and 0 <= v < lens[5]
+        if seen + count - 1 - k < least * count:
+            return 0.0
+    return seen / count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -55,14 +74,21 @@ def _shares(T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floa
     share = np.zeros((n, n))
     for a in range(n):
         for b in range(n):
-            T = T_cam_world[b] @ T_world_cam[a]
-            seen = 0
-            for k in range(sample.shape[1]):
-                x, y, z = sample[a, k, 0], sample[a, k, 1], sample[a, k, 2]
-                depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-                if depth > 0.2:
-                    u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
-                    v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
-                    seen += 0 <= u < lens[4] and 0 <= v < lens[5]
-            share[a, b] = seen / sample.shape[1]
+            share[a, b] = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, 0.0)
+    return share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mutual_shares(
+    a: int, T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats, least: float
+) -> Floats:
+    """(n,) the smaller one of both shares of scan a and each other; 0 where it is below `least`, and for a itself."""
+    n = T_world_cam.shape[0]
+    share = np.zeros(n)
+    for b in range(n):
+        if b == a:
+            continue
+        there = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, least)
+        if there > 0.0:
+            share[b] = min(there, _share(T_cam_world[a] @ T_world_cam[b], sample[b], lens, least))
     return share

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,16 @@ def fastest_method(poses: int, blocks: int) -> Method:
     if poses <= DENSE_UP_TO:
         return "dense"
     return "gradients" if blocks > DENSE_SHARE * poses * poses / 2 else "sparse"
+
+
+class BlockIndex(NamedTuple):
+    """The blocks right of the diagonal in row i have the numbers start[i] to start[i + 1] - 1, columns ascending.
+
+    start (n + 1,); columns (blocks,) of every block. Block i, of the first n, is the diagonal one of row i.
+    """
+
+    start: Ints
+    columns: NDArray[np.uint32]
 
 
 class BlockSystem:
@@ -53,11 +63,10 @@ class BlockSystem:
         """Numbers of the blocks that hold the pairs (i, j), i != j, in either order."""
         return self.n + np.searchsorted(self._off, np.minimum(i, j) * self.n + np.maximum(i, j))
 
-    def table(self) -> NDArray[np.uint32]:
-        """(n, n) block numbers of the upper triangle, for kernels that look up millions; 4 n^2 bytes."""
-        table = np.zeros((self.n, self.n), np.uint32)
-        table[self.rows, self.cols] = np.arange(len(self))
-        return table
+    def index(self) -> BlockIndex:
+        """Where kernels find the numbers of blocks."""
+        start = self.n + np.searchsorted(self._off, np.arange(self.n + 1) * self.n)
+        return BlockIndex(start, self.cols.astype(np.uint32))
 
     def solve(self, blocks: Floats, right: Floats) -> Floats:
         """Solution (n, 6) of the system of (len, 6, 6) blocks for the right-hand side (n, 6)."""

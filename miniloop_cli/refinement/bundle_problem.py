@@ -67,7 +67,7 @@ class Bundle:
         self._loose = np.bincount(pairs.ravel(), minlength=n) == 0
         self.system = BlockSystem(self._loose & ~touched(pose_terms, n), pairs)
         self.pairs = np.stack([self.system.rows, self.system.cols], axis=1)[n:]
-        self._table = self.system.table()
+        self._index = self.system.index()
         # Tracks are cut where the work (the square of the length) is even.
         length = np.diff(tracks.start)
         chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 2, _CHUNKS))
@@ -100,7 +100,7 @@ class Bundle:
 
         def chunk(low: int, high: int) -> tuple[Floats, Floats]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((n, 6))
-            reduce_tracks(low, high, tracks, seen, R, damping, self._table, S, g, L)
+            reduce_tracks(low, high, tracks, seen, R, damping, self._index, S, g, L)
             return S, g
 
         parts = self._in_chunks(chunk)

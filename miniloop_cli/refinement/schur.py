@@ -13,8 +13,8 @@ written out.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from miniloop_cli.refinement.block_system import BlockIndex
 from miniloop_cli.refinement.point_equations import PointEquations
 from miniloop_cli.refinement.track_rows import TrackRows
 from miniloop_cli.runtime.kernels import njit
@@ -31,15 +31,15 @@ def reduce_tracks(
     seen: PointEquations,
     R: Floats,
     damping: float,
-    table: NDArray[np.uint32],
+    index: BlockIndex,
     S: Floats,
     g: Floats,
     L: Floats,
 ) -> None:
     """Add the tracks low..high - 1 to the reduced system.
 
-    R (n, 3, 3) rotations of the poses; table (n, n) numbers of the upper blocks; S (blocks, 6, 6) and the reduced
-    gradient g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
+    R (n, 3, 3) rotations of the poses; index of the upper blocks; S (blocks, 6, 6) and the reduced gradient
+    g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
     L (p, 3, 3) gets the factors of the points' own blocks, damped; on its diagonals are the inverses of the factors'.
     """
     longest = 0
@@ -106,8 +106,16 @@ def reduce_tracks(
             a = Y[k]
             a0, a1, a2, a3, a4, a5, a6, a7, a8 = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
             b0, b1, b2, b3, b4, b5, b6, b7, b8 = a[9], a[10], a[11], a[12], a[13], a[14], a[15], a[16], a[17]
+            i = tracks.frame[first + k]
+            q, end = i, index.start[i + 1]
+            following = index.start[i]
             for m in range(k, length):
-                q = table[tracks.frame[first + k], tracks.frame[first + m]]
+                j = tracks.frame[first + m]
+                if j != i:
+                    q = following
+                    if index.columns[q] != j:  # the next block is mostly the one: tracks run through neighbours
+                        q += np.searchsorted(index.columns[q:end], j)
+                    following = q + 1
                 for j in range(6):  # the hottest loop: a in registers, j vectorised
                     y0, y1, y2 = Y[m, j], Y[m, 6 + j], Y[m, 12 + j]
                     S[q, 0, j] -= a0 * y0 + a6 * y1 + b3 * y2

@@ -91,8 +91,9 @@ def test_block_numbers_in_either_order():
         (0, 0), (1, 1), (2, 2), (3, 3), (0, 2), (1, 3)
     ]  # fmt: skip
     assert system.block_of(np.array([2, 3]), np.array([0, 1])).tolist() == [4, 5]
-    assert system.table()[0, 2] == 4
-    assert system.table()[3, 3] == 3
+    index = system.index()
+    assert index.start.tolist() == [4, 5, 6, 6, 6]
+    assert index.columns.tolist() == [0, 1, 2, 3, 2, 3]
 
 
 @pytest.mark.parametrize("n", [5, 400])
