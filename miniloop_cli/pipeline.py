@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -35,6 +36,8 @@ from miniloop_cli.tracking.all_frames import (
     priors_of,
     with_followed,
 )
+from miniloop_cli.tracking.order import notes_on_order
+from miniloop_cli.tracking.repeated import notes_on_repeats
 from miniloop_cli.verification.priors import apply_priors
 
 LOG = logging.getLogger("miniloop")
@@ -57,6 +60,9 @@ def register(
         tell(sequence.color_only.taken_in if tracked else [sequence.color_only.left_out])
     if tracked:
         whole, rows = sequence.with_color_only()
+        seen = [*notes_on_repeats(tracked), *notes_on_order(tracked)]
+        tell(seen)
+        whole = replace(whole, notes=(*whole.notes, *seen))
         priors = of_whole = priors_among(priors, rows, len(whole.frames))
         sequence, priors = keyframes_only(whole, tracked.keyframes), priors_of(priors, tracked.keyframes)
         features = features.of_keyframes(sequence.camera.width, sequence.camera.height)

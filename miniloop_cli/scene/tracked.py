@@ -25,6 +25,14 @@ class TrackStatus(IntEnum):
     NO_DEPTH = 4  # nor points that tie it to a keyframe
 
 
+class Repeat(IntEnum):
+    """Which image of a frame is that of the frame before, to the last bit: no sensor measures the same twice."""
+
+    NONE = 0
+    COLOR = 1
+    DEPTH = 2  # under a new colour image
+
+
 @dataclass(frozen=True)
 class Observations:
     """Points followed by optical flow, k of them: frame, track (k,); px, px_ideal (k, 2); z_m (k,) or NaN;
@@ -66,7 +74,8 @@ class FrameMotions:
 
     status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the frame that each was followed from, -1 none;
     T_cam_key (n, 4, 4) from the key's camera to the frame's, information (n, 6, 6) of (w, v) in [exp(w) | v] T_cam_key;
-    support (n,) points that agree on it; by_surface (n,) bool: depth and brightness told it, as no points could.
+    support (n,) points that agree on it; by_surface (n,) bool: depth and brightness told it, as no points could;
+    repeat (n,) numbers of Repeat.
     """
 
     status: Ints
@@ -76,6 +85,7 @@ class FrameMotions:
     information: Floats
     support: Ints
     by_surface: Bools
+    repeat: Ints
 
     def __len__(self) -> int:
         return len(self.status)
@@ -103,6 +113,7 @@ class TrackedPart(FrameMotions):
             information=np.zeros((n, 6, 6)),
             support=np.zeros(n, np.int64),
             by_surface=np.zeros(n, bool),
+            repeat=np.full(n, int(Repeat.NONE)),
             first=first,
         )
 

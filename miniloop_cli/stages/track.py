@@ -14,7 +14,8 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
 from miniloop_cli.stages.artifacts import PROBED, TRACKED
 from miniloop_cli.stages.run import Run
-from miniloop_cli.tracking.front_end import shows_something, track_part
+from miniloop_cli.tracking.frames import shows_something
+from miniloop_cli.tracking.front_end import track_part
 
 LOG = logging.getLogger("miniloop")
 PART = 96  # frames that are followed in one go: what a killed run has to do again at most

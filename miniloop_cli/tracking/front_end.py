@@ -6,24 +6,21 @@ a keyframe when few of the last one's points are left, so that whatever comes ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from miniloop_cli.config import Depth, Tracking
-from miniloop_cli.datasets import read_scan
-from miniloop_cli.errors import InputError
 from miniloop_cli.features.keypoints3d import depth_at, depth_slope, on_outline
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
 from miniloop_cli.tracking.flow import follow, new_corners
+from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
 from miniloop_cli.tracking.motion import MIN_POINTS, frame_motion
 from miniloop_cli.tracking.surface import Surface, make_surface, openness, surface_motion
-from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
+from miniloop_cli.typing import Bools, Floats, Floats32
 
 MAX_PREDICTED_S = 0.2  # a motion goes on like this for so long at most
 FEW_POINTS = 60  # with fewer, depth and brightness are asked as well
@@ -32,68 +29,28 @@ CELLS_A_POINT = 100  # of a surface: neighbours share their errors
 LAG_S = 0.02  # between a colour image and its depth image
 NO_POINTS = np.zeros((0, 2), np.float32)
 OUTLINE_PX = 7.0  # half of the window by which a point is followed
-LEAST_CONTRAST = 2.0  # standard deviation of the gray values: with less, nothing is seen
 
 
 def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int, last: int) -> TrackedPart:
     """Follow points through the frames first..last; both ends are keyframes if they can be read and have depth."""
     part = TrackedPart.of(first, last)
     tracker = _Tracker(sequence.camera, depth, settings, part)
-    for frame in _frames(sequence, range(first, last + 1), part):
+    for frame in told_apart(readable_frames(sequence, range(first, last + 1), part), part):
         tracker.add(frame, frame.number == last)
     keyframe = int((part.status == TrackStatus.KEYFRAME).argmax())
     if keyframe > 0 and (part.status[:keyframe] == TrackStatus.NO_DEPTH).any():
         # Colour begins before depth does: what comes before the first keyframe is followed backwards from it.
         backwards = _Tracker(sequence.camera, depth, settings, part, tracker.tracks)
-        for frame in _frames(sequence, range(first + keyframe, first - 1, -1), part):
+        for frame in readable_frames(sequence, range(first + keyframe, first - 1, -1), part):
             backwards.add(frame, False)
     return part
-
-
-def _frames(sequence: Sequence, numbers: range, part: TrackedPart) -> Iterator[_Frame]:
-    """The frames that show something, in this order; the part is told of the others."""
-    for number in numbers:
-        try:
-            scan = read_scan(sequence, number)
-        except InputError as error:
-            part.set(number, TrackStatus.UNREADABLE, str(error))
-            continue
-        has_depth = bool((scan.depth_m > 0).any())
-        frame = _Frame(number, scan, _gray(scan), sequence.frames[number].timestamp_s, has_depth)
-        if float(frame.gray.std()) < LEAST_CONTRAST:
-            part.set(number, TrackStatus.BLANK, f"the image shows nothing (mean {frame.gray.mean():.0f} of 255)")
-            continue
-        yield frame
-
-
-def shows_something(sequence: Sequence, number: int) -> bool:
-    """Whether a frame can be read, is not blank, and has depth: others cannot tie what comes before to what follows."""
-    try:
-        scan = read_scan(sequence, number)
-    except InputError:
-        return False
-    return float(_gray(scan).std()) >= LEAST_CONTRAST and bool((scan.depth_m > 0).any())
-
-
-def _gray(scan: Scan) -> Bytes:
-    import cv2
-
-    return np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)
-
-
-class _Frame(NamedTuple):
-    number: int
-    scan: Scan
-    gray: Bytes
-    stamp_s: float
-    has_depth: bool
 
 
 @dataclass
 class _Key:
     """The keyframe that points are followed from: where they lay in its image and in its camera (NaN: no depth)."""
 
-    frame: _Frame
+    frame: TrackFrame
     px: Floats32
     p_key: Floats
     count: int
@@ -116,7 +73,7 @@ class _Tracker:
         self._step, self._step_s = np.eye(4), 0.0  # the camera's motion in the last frame, and over how many seconds
         self._stamp_s = 0.0
 
-    def add(self, frame: _Frame, last: bool) -> None:
+    def add(self, frame: TrackFrame, last: bool) -> None:
         """Tie a frame to the last keyframe, or make it one; the `last` one becomes one in any case."""
         link, enough = self._linked(frame, self._key) if self._key else (None, False)
         if self._key and link:
@@ -136,7 +93,7 @@ class _Tracker:
         if self._found:
             self._observe(frame)
 
-    def _linked(self, frame: _Frame, key: _Key) -> tuple[Link | None, bool]:
+    def _linked(self, frame: TrackFrame, key: _Key) -> tuple[Link | None, bool]:
         """The motion since the keyframe, None where nothing tells it; and whether the keyframe will do for the next."""
         predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
         link = self._by_points(frame, key, predicted)
@@ -151,7 +108,7 @@ class _Tracker:
         # A keyframe that had points is done with when they are lost, whatever depth still sees of it.
         return other, enough or (still_seen and key.count < FEW_POINTS)
 
-    def _by_points(self, frame: _Frame, key: _Key, predicted: Floats) -> Link | None:
+    def _by_points(self, frame: TrackFrame, key: _Key, predicted: Floats) -> Link | None:
         """Follow the points of the keyframe into this image; what is left of them moves together."""
         self._found = False
         if len(key.px) < MIN_POINTS:
@@ -175,7 +132,7 @@ class _Tracker:
         self._px, self._track, self._found = found[rows], self._track[rows], True
         return Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()))
 
-    def _by_surface(self, frame: _Frame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
+    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
         """The motion by depth and brightness, and whether the next frame can be compared with the same keyframe.
 
         None where these do not fit, or leave a direction open: a gap is not bridged by a guess.
@@ -214,7 +171,7 @@ class _Tracker:
             guess[rows] = seen[known]
         return guess.astype(np.float32)
 
-    def _make_key(self, frame: _Frame) -> None:
+    def _make_key(self, frame: TrackFrame) -> None:
         """What is left of the points goes on from this frame, and new ones are added."""
         if not self._found:
             self._px, self._track, self._found = self._px[:0], self._track[:0], True
@@ -232,7 +189,7 @@ class _Tracker:
         self._T_cam_key = np.eye(4)
         self._part.set(frame.number, TrackStatus.KEYFRAME)
 
-    def _observe(self, frame: _Frame) -> None:
+    def _observe(self, frame: TrackFrame) -> None:
         px, depth_m = self._px.astype(float), frame.scan.depth_m
         z_m = depth_at(depth_m, px, self._depth)
         number, slope = np.full(len(px), frame.number), depth_slope(depth_m, px, z_m, self._depth)

@@ -1,0 +1,73 @@
+"""The frames of a recording one after the other: decoded, and those told apart that show nothing or nothing new."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.datasets import read_scan
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import Scan, Sequence
+from miniloop_cli.scene.tracked import Repeat, TrackedPart, TrackStatus
+from miniloop_cli.typing import Bytes
+
+LEAST_CONTRAST = 2.0  # standard deviation of the gray values: with less, nothing is seen
+
+
+class TrackFrame(NamedTuple):
+    """A decoded frame, its brightness (h, w), and whether there is any depth in it."""
+
+    number: int
+    scan: Scan
+    gray: Bytes
+    stamp_s: float
+    has_depth: bool
+
+
+def readable_frames(sequence: Sequence, numbers: range, part: TrackedPart) -> Iterator[TrackFrame]:
+    """The frames that show something, in this order; the part is told of the others."""
+    for number in numbers:
+        try:
+            scan = read_scan(sequence, number)
+        except InputError as error:
+            part.set(number, TrackStatus.UNREADABLE, str(error))
+            continue
+        has_depth = bool((scan.depth_m > 0).any())
+        frame = TrackFrame(number, scan, _gray(scan), sequence.frames[number].timestamp_s, has_depth)
+        if float(frame.gray.std()) < LEAST_CONTRAST:
+            part.set(number, TrackStatus.BLANK, f"the image shows nothing (mean {frame.gray.mean():.0f} of 255)")
+            continue
+        yield frame
+
+
+def told_apart(frames: Iterator[TrackFrame], part: TrackedPart) -> Iterator[TrackFrame]:
+    """The frames; those whose images repeat the ones before are noted, and such depth is taken away."""
+    before: TrackFrame | None = None
+    for frame in frames:
+        kept = frame
+        if before and np.array_equal(frame.gray, before.gray):
+            part.repeat[frame.number - part.first] = Repeat.COLOR
+        elif before and frame.has_depth and np.array_equal(frame.scan.depth_m, before.scan.depth_m):
+            part.repeat[frame.number - part.first] = Repeat.DEPTH
+            nothing = np.zeros_like(frame.scan.depth_m)
+            kept = frame._replace(scan=replace(frame.scan, depth_m=nothing), has_depth=False)
+        before = frame
+        yield kept
+
+
+def shows_something(sequence: Sequence, number: int) -> bool:
+    """Whether a frame can be read, is not blank, and has depth: others cannot tie what comes before to what follows."""
+    try:
+        scan = read_scan(sequence, number)
+    except InputError:
+        return False
+    return float(_gray(scan).std()) >= LEAST_CONTRAST and bool((scan.depth_m > 0).any())
+
+
+def _gray(scan: Scan) -> Bytes:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -1,0 +1,61 @@
+"""Whether the frames lie on the path in the order of their stamps: some recorders exchange neighbouring images."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from miniloop_cli.geometry import se3
+from miniloop_cli.scene.sequence import Note, NoteKind
+from miniloop_cli.scene.tracked import Tracked
+from miniloop_cli.typing import Floats, Ints
+
+SHORTER = 0.8  # of the way through four frames is that with the middle two exchanged; 0.6 on an even path
+LEAST_STEP = 0.004  # rad, or m: smaller ones may be noise
+MANY = 0.05  # of all frames: with more, the stamps of the recording do not hold
+
+
+def notes_on_order(tracked: Tracked) -> list[Note]:
+    """What is said of neighbouring frames that lie the other way round."""
+    first = exchanged(followed_path(tracked))
+    if not len(first):
+        return []
+    share = 2 * len(first) / len(tracked)
+    text = (
+        f"{len(first)} times two neighbouring frames lie the other way round on the path (the first: {first[0]} and "
+        f"{first[0] + 1}): their images or their time stamps are exchanged"
+    )
+    return [Note(NoteKind.CONTRADICTED if share > MANY else NoteKind.ASSUMED, text)]
+
+
+def followed_path(tracked: Tracked) -> Floats:
+    """T_world_cam (n, 4, 4) chained from keyframe to keyframe; NaN where nothing ties a frame to one before it.
+
+    After such a frame the path begins anew, at the identity.
+    """
+    T = np.full((len(tracked), 4, 4), np.nan)
+    for k, key in enumerate(tracked.key.tolist()):
+        if 0 <= key < k:
+            start = T[key] if np.isfinite(T[key, 0, 0]) else np.eye(4)
+            T[key] = start
+            T[k] = start @ se3.inverse(tracked.T_cam_key[k])
+    return T
+
+
+def exchanged(T_world_cam: Floats) -> Ints:
+    """Frames k for which the way through k - 1, k, k + 1, k + 2 is much shorter with k and k + 1 exchanged.
+
+    T_world_cam (n, 4, 4), rows in the order of time; NaN where there is no pose.
+    """
+    a, b, c, d = (T_world_cam[k : len(T_world_cam) - 3 + k] for k in range(4))
+    middle = _length(b, c)
+    way, other = _length(a, b) + middle + _length(c, d), _length(a, c) + middle + _length(b, d)
+    return np.flatnonzero((other < SHORTER * way) & (middle > LEAST_STEP)) + 1
+
+
+def _length(T_world_a: Floats, T_world_b: Floats) -> Floats:
+    """(n,) angle in rad plus distance in m from poses (n, 4, 4) to others; NaN where one is not known."""
+    T_a_b, length = se3.inverse(T_world_a) @ T_world_b, np.full(len(T_world_a), np.nan)
+    known = np.flatnonzero(np.isfinite(T_a_b[:, 0, 0]))
+    angle = np.radians(se3.rotation_angle_deg(T_a_b[known, :3, :3]))
+    length[known] = angle + np.linalg.norm(T_a_b[known, :3, 3], axis=1)
+    return length
