@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
@@ -103,10 +103,10 @@ class Bundle:
             reduce_tracks(low, high, tracks, seen, R, damping, self._index, S, g, L)
             return S, g
 
-        parts = self._in_chunks(chunk)
-        S, g = parts[0]
-        for more_S, more_g in parts[1:]:
-            S, g = S + more_S, g + more_g
+        S, g = np.zeros((len(self.system), 6, 6)), np.zeros((n, 6))
+        for part_S, part_g in self._in_chunks(chunk):
+            S += part_S
+            g += part_g
         S[:n] = np.triu(S[:n]) + np.triu(S[:n], 1).transpose(0, 2, 1)
         add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, damping, self.system, S, g)
         return S, g, L
@@ -152,12 +152,14 @@ class Bundle:
         def chunk(low: int, high: int) -> None:
             step_tracks(low, high, self.tracks, seen, R, L, step, X_new)
 
-        self._in_chunks(chunk)
+        list(self._in_chunks(chunk))
         R_new = np.ascontiguousarray(R @ exp_so3(step[:, :3]))
         return self._at(R_new, t + np.einsum("nij,nj->ni", R, step[:, 3:]), X_new)
 
-    def _in_chunks(self, work: Callable[[int, int], Part]) -> list[Part]:
+    def _in_chunks(self, work: Callable[[int, int], Part]) -> Iterator[Part]:
+        """What `work` makes of each chunk of tracks, in order; each is given up once it is taken."""
         if self.jobs == 1:
-            return [work(low, high) for low, high in self._bounds]
+            yield from (work(low, high) for low, high in self._bounds)
+            return
         with ThreadPoolExecutor(self.jobs) as pool:
-            return list(pool.map(lambda bounds: work(*bounds), self._bounds))
+            yield from pool.map(lambda bounds: work(*bounds), self._bounds)
