@@ -17,9 +17,12 @@ MIN_MEASURED = 60  # points tell the pose of a frame better than its depth image
 MIN_LENGTH = 3  # frames: what a point followed for less says of the motion is little
 
 
-def followed_measurements(between: Between, camera: Camera, per_frame: int) -> Measurements:
-    """Measurements of tracks chosen so that every frame has about `per_frame` of them; tracks numbered from 0."""
-    seen = between.tracked.seen
+def followed_measurements(between: Between, known: Bools, camera: Camera, per_frame: int) -> Measurements:
+    """Measurements of tracks chosen so that every frame has about `per_frame` of them; tracks numbered from 0.
+
+    Only frames whose poses are `known` (n,) take part: others would draw those they share points with to nowhere.
+    """
+    seen = between.tracked.seen.subset(known[between.tracked.seen.frame])
     seen = seen.subset(chosen_tracks(seen.frame, seen.track, per_frame)[seen.track])
     _, track = np.unique(seen.track, return_inverse=True)
     row_share = (seen.px[:, 1] - (camera.height - 1) / 2) / camera.height

@@ -117,18 +117,19 @@ def _bundle(
 
     pairs = partners(T, poses.registered, scans.points, scans.camera, settings.partners)
     matches = _guided(T, pairs, scans, settings, workers)
-    followed = between and followed_measurements(between, scans.camera, settings.followed_per_frame)
-
-    def measured(pairs: Sequence[Pair], matches: Sequence[Ints], min_frames: int) -> Measurements:
-        of_scans = _measure(pairs, matches, scans, min_frames)
-        return joined(of_scans, between.tracked.keyframes, followed) if between and followed else of_scans
-
-    tracked = measured(pairs, matches, settings.min_frames)
-    stamps_s, accelerometer = scans.stamps_s, scans.accelerometer
+    stamps_s, accelerometer, keyframes = scans.stamps_s, scans.accelerometer, np.arange(len(T))
     if between:
+        keyframes = between.tracked.keyframes
         poses = between.tracked.all_poses(Poses(T, poses.component))
         T, stamps_s, accelerometer = poses.T_world_cam, between.stamps_s, between.accelerometer
     known = poses.component == 0
+    followed = between and followed_measurements(between, known, scans.camera, settings.followed_per_frame)
+
+    def measured(pairs: Sequence[Pair], matches: Sequence[Ints], min_frames: int) -> Measurements:
+        of_scans = _measure(pairs, matches, scans, min_frames)
+        return joined(of_scans, keyframes, followed) if followed else of_scans
+
+    tracked = measured(pairs, matches, settings.min_frames)
     terms: list[MotionTerm] = []
     if between:
         weak = weakly_measured(between, known, tracked)
@@ -136,7 +137,13 @@ def _bundle(
         terms = motions(between, known, np.union1d(weak, loose))
     if len(untied(tracked, known, terms)):
         more = sorted(set(used) - set(pairs))
-        tracked = measured(pairs + more, matches + _guided(T, more, scans, settings, workers), 2)
+        tracked = measured(pairs + more, matches + _guided(T[keyframes], more, scans, settings, workers), 2)
+    if len(loose := untied(tracked, known, terms)):
+        # Few points tie these to the others: the edges that averaging went by do.
+        ends = keyframes[inside.pairs]
+        across = np.isin(ends, loose).any(axis=1)
+        edges = inside.subset(across)
+        terms.append(MotionTerm.of(ends[across], edges.T_j_i, edges.information))
         if len(untied(tracked, known, terms)):
             return None
     fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)

@@ -43,8 +43,9 @@ def _compare(
     """Cells of view i that speak for and against T_j_i; lens: fx fy cx cy in cells, cell centres at k + 0.5.
 
     A cell that comes to lie before what j saw there speaks against: j saw through it. One that comes to lie behind
-    says nothing. Those that coincide with a surface of j are compared block by block: for, where brightness
-    correlates; against, where it does not; nothing, where a block is plain in either view.
+    says nothing, nor does one whose other side j sees: a wall has two. Those that coincide with a surface of j are
+    compared block by block: for, where brightness correlates; against, where it does not; nothing, where a block is
+    plain in either view.
     """
     rows, columns = gray_i.shape
     across = (columns + BLOCK - 1) // BLOCK
@@ -71,6 +72,8 @@ def _compare(
             if depth < low - slack:
                 against += 1
             elif depth <= high + slack:
+                if _from_behind(z_i, x, y, T_j_i, lens):
+                    continue
                 u, v = u - 0.5, v - 0.5
                 column, row = min(int(u), columns - 2), min(int(v), rows - 2)
                 fu, fv = u - column, v - row
@@ -97,3 +100,22 @@ def _compare(
         else:
             against += int(n)
     return agree, against
+
+
+@njit(cache=True, nogil=True)
+def _from_behind(z_i: Floats32, x: int, y: int, T_j_i: Floats, lens: Floats) -> bool:
+    """Whether view j looks at the back of the surface that view i sees in cell (x, y), by the cells right and below."""
+    z = float(z_i[y, x])
+    a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
+    n0, n1, n2 = a, b, 1.0  # away from i: along the ray, where the neighbours do not tell the normal
+    if x + 1 < z_i.shape[1] and y + 1 < z_i.shape[0]:
+        right, below = float(z_i[y, x + 1]), float(z_i[y + 1, x])
+        if max(abs(right - z), abs(below - z)) < SLACK_M + SLACK * z and min(right, below) > 0:
+            r0, r1, r2 = a * (right - z) + right / lens[0], b * (right - z), right - z
+            d0, d1, d2 = a * (below - z), b * (below - z) + below / lens[1], below - z
+            n0, n1, n2 = r1 * d2 - r2 * d1, r2 * d0 - r0 * d2, r0 * d1 - r1 * d0
+    facing = 0.0
+    for k in range(3):
+        p = (T_j_i[k, 0] * a + T_j_i[k, 1] * b + T_j_i[k, 2]) * z + T_j_i[k, 3]
+        facing += p * (T_j_i[k, 0] * n0 + T_j_i[k, 1] * n1 + T_j_i[k, 2] * n2)
+    return facing < 0

@@ -71,12 +71,15 @@ def test_measurements_are_rows_of_what_was_seen():
     frame, track = [0, 1, 2, 0, 1, 1, 2, 3], [0, 0, 0, 1, 1, 2, 2, 2]
     px, z_m = rng.uniform(0, 480, (8, 2)), rng.uniform(1, 2, 8)
     px[0, 1], px[2, 1] = 0.0, 479.0
-    found = followed_measurements(observed(frame, track, px, z_m), CAMERA, 5)
+    found = followed_measurements(observed(frame, track, px, z_m), np.ones(4, bool), CAMERA, 5)
     rows = [0, 1, 2, 5, 6, 7]  # track 1 is too short
     assert found.frame.tolist() == [0, 1, 2, 1, 2, 3] and found.track.tolist() == [0, 0, 0, 1, 1, 1]
     assert np.array_equal(found.px_ideal, px[rows] + 0.5) and np.array_equal(found.z_m, z_m[rows])
     assert np.allclose(found.row_share[[0, 2]], [-239.5 / 480, 239.5 / 480])
     assert np.allclose(found.stamp_lag_s, [0, 0.01, 0.02, 0.01, 0.02, 0.03])
+    # Frames without a pose would draw the points they share with others to nowhere.
+    without = followed_measurements(observed(frame, track, px, z_m), np.array([False, True, True, True]), CAMERA, 5)
+    assert without.frame.tolist() == [1, 2, 3] and without.track.tolist() == [0, 0, 0]
 
 
 def test_features_of_keyframes_and_followed_points_are_told_apart():
