@@ -15,6 +15,8 @@ import numpy as np
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
+COPIED = 1 << 15  # blocks at a time
+
 
 class BlockPattern:
     """Pattern of a symmetric matrix of m x m blocks, given by its upper blocks (r, c), r <= c, and of its factor."""
@@ -33,13 +35,17 @@ class BlockPattern:
         key = np.repeat(np.arange(m), np.diff(self.start)) * m + self.row
         self._slot = np.searchsorted(key, column * m + row)
 
-    def factor(self, blocks: Floats) -> Floats:
+    def factor(self, blocks: Floats, kept: Ints | None = None) -> Floats:
         """The factor, (len(row), 6, 6) blocks L_ij^T column by column, of (k, 6, 6) blocks in the order given at first.
 
-        Raises numpy.linalg.LinAlgError if the matrix is not positive definite.
+        `kept` (k,): these are rows of more `blocks`. Raises numpy.linalg.LinAlgError if the matrix is not positive
+        definite.
         """
         L = np.zeros((len(self.row), 6, 6))
-        L[self._slot] = np.where(self._flipped[:, None, None], blocks.transpose(0, 2, 1), blocks)
+        for low in range(0, len(self._slot), COPIED):  # a long recording has blocks of hundreds of megabytes
+            some = slice(low, low + COPIED)
+            part = blocks[some] if kept is None else blocks[kept[some]]
+            L[self._slot[some]] = np.where(self._flipped[some, None, None], part.transpose(0, 2, 1), part)
         if not _factor(self.start, self.row, L):
             raise np.linalg.LinAlgError("the system is not positive definite")
         return L

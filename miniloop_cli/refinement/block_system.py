@@ -77,7 +77,7 @@ class BlockSystem:
         if not len(b):
             return x
         if self.method == "sparse":
-            x[self.free] = self._sparse.solve(self._sparse.factor(blocks[self._kept]), b)
+            x[self.free] = self._sparse.solve(self._sparse.factor(blocks, self._kept), b)
             return x
         found = self._by_gradients(blocks[self._kept], b) if self.method == "gradients" else None
         if found is None:
@@ -93,7 +93,7 @@ class BlockSystem:
         if not len(self.free):
             return Z
         if self.method == "sparse":
-            Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks[self._kept]))
+            Z[self.free] = self._sparse.diagonal_of_inverse(self._sparse.factor(blocks, self._kept))
             return Z
         inverse = dpotri(self._dense(blocks), lower=1, overwrite_c=1)[0]
         k = 6 * np.arange(len(self.free))[:, None] + np.arange(6)

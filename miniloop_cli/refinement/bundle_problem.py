@@ -17,7 +17,7 @@ from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.terms import PointTerm, PoseTerm
 from miniloop_cli.refinement.track_rows import TrackRows, camera_points
 from miniloop_cli.scene.view_graph import components
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.typing import Bools, Floats, Ints
 
 Part = TypeVar("Part")
 _CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
@@ -103,10 +103,11 @@ class Bundle:
             reduce_tracks(low, high, tracks, seen, R, damping, self._index, S, g, L)
             return S, g
 
-        S, g = np.zeros((len(self.system), 6, 6)), np.zeros((n, 6))
-        for part_S, part_g in self._in_chunks(chunk):
-            S += part_S
-            g += part_g
+        parts = self._in_chunks(chunk)
+        S, g = next(parts)
+        for more_S, more_g in parts:
+            S += more_S
+            g += more_g
         S[:n] = np.triu(S[:n]) + np.triu(S[:n], 1).transpose(0, 2, 1)
         add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, damping, self.system, S, g)
         return S, g, L
@@ -118,6 +119,7 @@ class Bundle:
         Correlations are those of the inverse Hessian, as the parts are too few to tell them. Infinite for poses that
         nothing, or a single part, tells of or ties to their anchor.
         """
+        self._proposal = self.state  # an earlier one is not needed any more
         held = anchor == np.arange(len(anchor))
         system, n = BlockSystem(held, self.pairs), len(held)
         H = self.reduced(self.tracks, self.state.seen, _TIE)[0]
@@ -125,14 +127,20 @@ class Bundle:
         unknown[lost(H, n)] = True
         H[:n][unknown] = np.eye(6)
         diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
-        for number, left in enumerate(remaining_fraction(part)):
+
+        def without(number: int) -> tuple[Floats, Bools]:
+            """The step (n, 6) of the poses without a part, and which are unknown then (n,)."""
             kept = part != number
             S, g, _ = self.reduced(self.tracks.subset(kept), self.state.seen.subset(kept), _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
             group = components(n, self.pairs[S[n:].any(axis=(1, 2))])
-            unknown |= gone | (group != group[anchor])
-            variance += left * system.solve(S, -g) ** 2
+            return system.solve(S, -g), gone | (group != group[anchor])
+
+        for number, left in enumerate(remaining_fraction(part)):
+            step, missing = without(number)
+            variance += left * step**2
+            unknown |= missing
         inverse = system.marginals(H)
         size = np.sqrt(variance / np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse)))
         found = size[:, :, None] * inverse * size[:, None, :]
