@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from functools import partial
 
 import numpy as np
 
+from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.refinement.inputs import Between, Refined
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
+from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.registration import Registration, RegistrationError
@@ -28,6 +31,7 @@ from miniloop_cli.stages.track import track
 from miniloop_cli.tracking.all_frames import in_frames, keyframes_only, of_all_frames, priors_of, with_followed
 from miniloop_cli.verification.priors import apply_priors
 
+LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
 
 
@@ -64,6 +68,7 @@ def register(
                 poses, edges = average(more, scans, settings.averaging, photometric)
         if tracked and (more := with_followed(edges, tracked)) is not edges:
             poses, edges = average(more, scans, settings.averaging, photometric)
+        poses, certificate = prove_optimum(poses, edges, settings.averaging)
     between = Between.of(tracked, whole, vertical, of_whole.accelerometer) if tracked else None
     found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked)
     if len(poses.registered) < 2:
@@ -72,7 +77,10 @@ def register(
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
         refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run, between)
-    return found(refined)
+    if settings.refine != "none":
+        certificate = certificate.refined(refined.poses, tracked.keyframes if tracked else None)
+    LOG.info("%s", certificate.sentence)
+    return found(refined, certificate)
 
 
 def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
@@ -92,6 +100,7 @@ def _registration(
     whole: Sequence,
     tracked: Tracked | None,
     refined: Refined,
+    certificate: Certificate | None = None,
 ) -> Registration:
     """The run, by frames of the whole recording."""
     return Registration(
@@ -105,8 +114,9 @@ def _registration(
         refined.timing,
         watch.seconds,
         watch.cpu_seconds,
-        notes,
+        (*notes, certificate.note) if certificate else notes,
         tracked.status if tracked else None,
+        certificate,
     )
 
 

@@ -57,6 +57,8 @@ class NoteKind(StrEnum):
     CONVERTED = "converted"  # from other units or formats
     UNUSED = "unused"  # what lies beside the images and is not read
     PRIOR = "prior"  # what became of gravity and of a pose prior
+    PROVEN = "proven"  # what is proven of the arrangement of the edges
+    UNPROVEN = "unproven"  # another arrangement of the edges may be better: the result is doubtful
 
 
 @dataclass(frozen=True)
