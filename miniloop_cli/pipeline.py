@@ -21,6 +21,7 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
+from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
 from miniloop_cli.stages.match import match
@@ -55,6 +56,7 @@ def register(
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
+        solved = edges
         edges, vertical, said = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
         notes = (*sequence.notes, *priors.notes, *said)
     with watch.stage("averaging"):
@@ -77,10 +79,12 @@ def register(
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
         refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run, between)
+    of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
     if settings.refine != "none":
-        certificate = certificate.refined(refined.poses, tracked.keyframes if tracked else None)
+        certificate = certificate.refined(of_scans)
     LOG.info("%s", certificate.sentence)
-    return found(refined, certificate)
+    doubts = doubt(of_scans, (solved, edges), scans, whole, tracked, settings.averaging, photometric)
+    return found(refined, certificate, doubts)
 
 
 def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
@@ -101,6 +105,7 @@ def _registration(
     tracked: Tracked | None,
     refined: Refined,
     certificate: Certificate | None = None,
+    doubts: tuple[Note, ...] = (),
 ) -> Registration:
     """The run, by frames of the whole recording."""
     return Registration(
@@ -114,7 +119,7 @@ def _registration(
         refined.timing,
         watch.seconds,
         watch.cpu_seconds,
-        (*notes, certificate.note) if certificate else notes,
+        (*notes, *((certificate.note,) if certificate else ()), *doubts),
         tracked.status if tracked else None,
         certificate,
     )

@@ -9,7 +9,6 @@ import numpy as np
 from miniloop_cli.geometry.procrustes import align_rotations
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.sequence import Note, NoteKind
-from miniloop_cli.typing import Ints
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,10 @@ class Certificate:
         """The sentence, of a kind that makes the result doubtful where a better arrangement may exist."""
         return Note(NoteKind.PROVEN if self.certified or self.problem else NoteKind.UNPROVEN, self.sentence)
 
-    def refined(self, poses: Poses, scans: Ints | None = None) -> Certificate:
-        """The certificate of a run whose refinement ended in these poses; `scans`: which of them, where not all."""
-        T = poses.T_world_cam if scans is None else poses.T_world_cam[scans]
+    def refined(self, poses: Poses) -> Certificate:
+        """The certificate of a run whose refinement ended in these poses of the same scans."""
         joined = self.optimum.registered
-        source, target = self.optimum.T_world_cam[joined], T[joined]
+        source, target = self.optimum.T_world_cam[joined], poses.T_world_cam[joined]
         if not len(joined):
             return self
         R = align_rotations(source[:, :3, :3], target[:, :3, :3])
