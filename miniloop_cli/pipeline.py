@@ -56,9 +56,8 @@ def register(
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
-        solved = edges
         edges, vertical, said = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
-        notes = (*sequence.notes, *priors.notes, *said)
+        solved, notes = edges, (*sequence.notes, *priors.notes, *said)
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
@@ -83,7 +82,7 @@ def register(
     if settings.refine != "none":
         certificate = certificate.refined(of_scans)
     LOG.info("%s", certificate.sentence)
-    doubts = doubt(of_scans, (solved, edges), scans, whole, tracked, settings.averaging, photometric)
+    doubts = doubt(of_scans, solved, edges, scans, whole, tracked, settings, photometric, run)
     return found(refined, certificate, doubts)
 
 

@@ -12,12 +12,8 @@ from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.sequence import NoteKind
 from miniloop_cli.typing import Ints
 
-SAID = (
-    NoteKind.PRIOR,
-    NoteKind.PROVEN,
-    NoteKind.UNPROVEN,
-    NoteKind.IMPOSSIBLE_MOTION,
-)  # notes that are facts on the result
+# Notes that are facts on the result.
+SAID = (NoteKind.PRIOR, NoteKind.PROVEN, NoteKind.UNPROVEN, NoteKind.IMPOSSIBLE_MOTION, NoteKind.AMBIGUOUS)
 
 
 def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
