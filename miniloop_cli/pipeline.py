@@ -9,11 +9,13 @@ from functools import partial
 
 import numpy as np
 
+from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.refinement.inputs import Between, Refined
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
+from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.priors import Priors
 from miniloop_cli.scene.registration import Registration, RegistrationError
@@ -21,6 +23,7 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
+from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
 from miniloop_cli.stages.match import match
@@ -73,7 +76,7 @@ def register(
     with watch.stage("edges"):
         edges = solve_edges(matches, scans, estimation, run)
         edges, vertical, said = apply_priors(edges, priors, matches, scans.points, settings, seed, workers)
-        notes = (*whole.notes, *priors.notes, *said)
+        solved, notes = edges, (*whole.notes, *priors.notes, *said)
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
@@ -85,6 +88,7 @@ def register(
                 poses, edges = average(more, scans, settings.averaging, photometric)
         if tracked and (more := with_followed(edges, tracked)) is not edges:
             poses, edges = average(more, scans, settings.averaging, photometric)
+        poses, certificate = prove_optimum(poses, edges, settings.averaging)
     between = Between.of(tracked, whole, vertical, of_whole.accelerometer) if tracked else None
     found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked)
     if len(poses.registered) < 2:
@@ -93,7 +97,12 @@ def register(
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
         refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run, between)
-    return found(refined)
+    of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
+    if settings.refine != "none":
+        certificate = certificate.refined(of_scans)
+    LOG.info("%s", certificate.sentence)
+    doubts = doubt(of_scans, solved, edges, scans, whole, tracked, settings, photometric, run)
+    return found(refined, certificate, doubts)
 
 
 def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
@@ -119,6 +128,8 @@ def _registration(
     whole: Sequence,
     tracked: Tracked | None,
     refined: Refined,
+    certificate: Certificate | None = None,
+    doubts: tuple[Note, ...] = (),
 ) -> Registration:
     """The run, by frames of the whole recording."""
     return Registration(
@@ -132,8 +143,9 @@ def _registration(
         refined.timing,
         watch.seconds,
         watch.cpu_seconds,
-        notes,
+        (*notes, *((certificate.note,) if certificate else ()), *doubts),
         tracked.status if tracked else None,
+        certificate,
     )
 
 

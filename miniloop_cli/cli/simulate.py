@@ -9,7 +9,8 @@ import click
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
-SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
+SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
+ALIKE = ("nothing", "half-turn", "rooms")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 
@@ -25,6 +26,10 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option(
     "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="A stretch in which this happens; may be repeated."
 )
+@click.option(
+    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="What looks the same twice."
+)
+@click.option("--cuts", type=int, default=0, show_default=True, help="Jumps of the path that the stamps do not show.")
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
 @click.option("--noise-level", type=float, default=1.0, show_default=True, help="Noise as a multiple of a Kinect's.")
 @click.option("--moving-object", is_flag=True, help="A figure walks in front of the camera.")
@@ -51,6 +56,8 @@ def simulate(
     path: str,
     rooms: int,
     hard: tuple[str, ...],
+    alike: str,
+    cuts: int,
     noise: bool,
     noise_level: float,
     moving_object: bool,
@@ -91,6 +98,8 @@ def simulate(
         path=path,
         rooms=rooms,
         hard=tuple(name for given in hard for name in (HARD if given == "all" else (given,))),
+        alike=alike,
+        cuts=cuts,
         noise=noise,
         noise_level=noise_level,
         moving_object=moving_object,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.scene.view_graph import elimination_order
 from miniloop_cli.typing import Floats, Ints
 
 COPIED = 1 << 15  # blocks at a time
@@ -22,7 +23,8 @@ class BlockPattern:
     """Pattern of a symmetric matrix of m x m blocks, given by its upper blocks (r, c), r <= c, and of its factor."""
 
     def __init__(self, m: int, r: Ints, c: Ints) -> None:
-        self.order = _minimum_degree(m, r, c)
+        off = r != c
+        self.order = elimination_order(m, np.stack([r[off], c[off]], axis=1))
         place = np.empty(m, np.int64)
         place[self.order] = np.arange(m)
         row, column = place[c], place[r]
@@ -64,18 +66,6 @@ class BlockPattern:
         out = np.empty((len(self.order), 6, 6))
         out[self.order] = Z[self.start[:-1]]
         return out
-
-
-def _minimum_degree(m: int, r: Ints, c: Ints) -> Ints:
-    """Elimination order (m,): block columns as SuperLU's multiple minimum degree would take them."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.linalg import splu
-
-    off = r != c
-    graph = coo_array((np.full(off.sum(), -1.0), (r[off], c[off])), shape=(m, m))
-    matrix = graph + graph.T + coo_array((np.full(m, 2.0 * m), (np.arange(m), np.arange(m))), shape=(m, m))
-    lu = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return np.argsort(lu.perm_c)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -29,6 +29,9 @@ CONTRADICTING_DEG, CONTRADICTING_M = 10.0, 0.25  # a verified edge farther off i
 DOUBTFUL_NOTES = {
     NoteKind.CONTRADICTED: "the recording contradicts what was assumed about it",
     NoteKind.MOST_DROPPED: "most images of the recording are not used",
+    NoteKind.IMPOSSIBLE_MOTION: "the path makes a step that is out of all proportion to those around it",
+    NoteKind.AMBIGUOUS: "a part of the frames fits elsewhere nearly as well",
+    NoteKind.UNPROVEN: "it is not proven that the edges are arranged in the best way",
 }
 CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
 

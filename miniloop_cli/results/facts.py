@@ -12,6 +12,9 @@ from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.sequence import NoteKind
 from miniloop_cli.typing import Ints
 
+# Notes that are facts on the result.
+SAID = (NoteKind.PRIOR, NoteKind.PROVEN, NoteKind.UNPROVEN, NoteKind.IMPOSSIBLE_MOTION, NoteKind.AMBIGUOUS)
+
 
 def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
     """Sentences on a run, and on its trajectory where a ground truth was given."""
@@ -36,7 +39,8 @@ def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
             f"{100 * numbers['ate_max_m']:.2f} cm at most, over {numbers['poses_with_ground_truth']} poses "
             f"({numbers['protocol']['alignment']} alignment, ground truth {numbers['protocol']['association']}d)."
         )
-    said += [f"{text[0].upper()}{text[1:]}." for text in data.noted(NoteKind.PRIOR)]
+    told = [text for kind in SAID for text in data.noted(kind)]
+    said += [f"{text[0].upper()}{text[1:]}." for text in told]
     said += [
         f"{len(lost)} frame{'s' * (len(lost) > 1)} without a pose ({runs(lost)}): {reason}."
         for reason, lost in left_out(data)[:3]

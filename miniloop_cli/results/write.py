@@ -27,6 +27,7 @@ from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, 
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.frame_status import FrameStatus
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.scene.sequence import Trajectory
@@ -96,10 +97,25 @@ def summary(run: Registration) -> dict[str, Any]:
             "headline": assessment.headline,
             "reasons": list(assessment.reasons),
         },
+        **({"certificate": certificate_numbers(run.certificate)} if run.certificate else {}),
         "notes": [{"kind": note.kind.value, "text": note.text} for note in run.notes],
         "timings_s": run.timings_s,
         "seed": run.seed,
         "versions": versions(),
+    }
+
+
+def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
+    """The certificate, JSON-able: numbers that are not known are None."""
+
+    def known(value: float) -> float | None:
+        return value if np.isfinite(value) else None
+
+    return {
+        "certified": certificate.certified,
+        "relative_gap": known(certificate.relative_gap),
+        "moved_by_refinement_m": known(round(certificate.moved_m, 6)),
+        "better_minimum_taken": certificate.escaped,
     }
 
 

@@ -181,7 +181,11 @@ class EdgeTable:
 
     def edges(self) -> list[Edge]:
         """All rows, for the few places that replace single edges."""
-        return [self.edge(k) for k in range(len(self))]
+        return self.edges_of(np.ones(len(self), bool))
+
+    def edges_of(self, which: Bools) -> list[Edge]:
+        """The rows of a mask (m,)."""
+        return [self.edge(k) for k in np.flatnonzero(which).tolist()]
 
     def subset(self, which: ArrayLike) -> EdgeTable:
         """The edges of a mask (m,) or of ascending row numbers."""

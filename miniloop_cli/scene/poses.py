@@ -26,6 +26,10 @@ class Poses:
         """Scans of the largest component, ascending."""
         return np.flatnonzero(self.component == 0)
 
+    def of(self, scans: Ints) -> Poses:
+        """The poses of some scans."""
+        return Poses(self.T_world_cam[scans], self.component[scans])
+
     def joins(self, edges: EdgeTable) -> Bools:
         """(m,) whether an edge lies in the largest component."""
         return (self.component[edges.i] == 0) & (self.component[edges.j] == 0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.poses import Poses
@@ -34,7 +35,7 @@ class Registration:
 
     `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
     `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
-    TrackStatus, None where no points were followed.
+    TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
     """
 
     sequence: Sequence
@@ -49,6 +50,7 @@ class Registration:
     cpu_timings_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     tracking: Ints | None = None
+    certificate: Certificate | None = None
 
     @property
     def scan_frames(self) -> Ints:

@@ -58,6 +58,10 @@ class NoteKind(StrEnum):
     CONVERTED = "converted"  # from other units or formats
     UNUSED = "unused"  # what lies beside the images and is not read
     PRIOR = "prior"  # what became of gravity and of a pose prior
+    PROVEN = "proven"  # what is proven of the arrangement of the edges
+    IMPOSSIBLE_MOTION = "impossible motion"  # a step of the path that nothing confirms: the result is doubtful
+    AMBIGUOUS = "ambiguous"  # a part of the path fits elsewhere nearly as well: the result is doubtful
+    UNPROVEN = "unproven"  # another arrangement of the edges may be better: the result is doubtful
 
 
 @dataclass(frozen=True)

@@ -93,3 +93,16 @@ def adjacency(count: int, pairs: Ints) -> tuple[Ints, Ints, Ints]:
     start = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bincount(here, minlength=count), out=start[1:])
     return start, there[order], order % max(edges, 1)
+
+
+def elimination_order(count: int, pairs: Ints) -> Ints:
+    """Scans (count,) in an order that keeps factors of matrices with this graph sparse: multiple minimum degree."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import splu
+
+    here, there = np.concatenate([pairs, pairs[:, ::-1]]).T
+    graph = coo_array((np.full(len(here), -1.0), (here, there)), shape=(count, count))
+    own = coo_array((np.full(count, 2.0 * len(here) + 1), (np.arange(count), np.arange(count))), shape=(count, count))
+    options = {"SymmetricMode": True}
+    lu = splu((graph + own).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return np.argsort(lu.perm_c)

@@ -11,6 +11,7 @@ from miniloop_cli.typing import Floats
 ROOM_M = np.array([4.6, 3.8, 2.5])
 SECOND_ROOM_M = np.array([30.0, 0.0, 0.0])  # of scene "two-rooms", out of sight of the first
 WALL_M = 0.12
+TABLE_M = 0.75  # height of the turntable
 DOOR_M = np.array([1.0, 2.05])  # width, height
 
 Cell = tuple[int, int]  # column, row

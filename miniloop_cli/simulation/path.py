@@ -8,12 +8,13 @@ import numpy as np
 from numpy.random import Generator
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.simulation.layout import ROOM_M, SECOND_ROOM_M
+from miniloop_cli.simulation.layout import ROOM_M, SECOND_ROOM_M, TABLE_M
 from miniloop_cli.typing import Floats
 
 Path = Callable[[Floats], Floats]  # (n,) seconds from the start to (n, 4, 4)
 
 TURNS = 1.06
+CUT_SHARE = 0.2  # of the path, that is left out at a cut
 
 
 def look(position_m: Floats, yaw_rad: Floats, pitch_rad: Floats, roll_rad: Floats) -> Floats:
@@ -63,6 +64,10 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
         x, y, z, pitch, roll = (wave(s) for wave in sway)
         pitch -= 0.22
         centre, yaw = np.array([0.0, 0.0, 1.3]), start + 2 * np.pi * TURNS * s
+        if scene == "turntable":
+            ahead = np.stack([np.cos(yaw), np.sin(yaw)], -1)
+            position_m = np.concatenate([-0.62 * ahead, np.full((*s.shape, 1), TABLE_M + 0.42)], -1)
+            return look(position_m, yaw, np.full_like(s, -0.6), 0 * s)
         if name == "loop":  # across the room, so that the views are wide
             offset = np.stack([x - 0.7 * np.cos(yaw), y - 0.5 * np.sin(yaw), z], -1)
         elif name == "random-walk":
@@ -80,3 +85,9 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
         return look(centre + offset, yaw, pitch, roll)
 
     return poses
+
+
+def with_cuts(path: Path, cuts: int, duration_s: float) -> Path:
+    """The path with so many parts of it left out, at evenly spread times."""
+    at_s = duration_s * np.arange(1, cuts + 1) / (cuts + 1)
+    return lambda t: path(np.asarray(t, float) + CUT_SHARE * duration_s * np.searchsorted(at_s, t, "right"))

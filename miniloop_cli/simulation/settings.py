@@ -9,8 +9,9 @@ from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.lens import radial_tangential_lens
 
-SCENES = ("room", "two-rooms", "plane", "textureless", "repeated")
+SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
+ALIKE = ("nothing", "half-turn", "rooms")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 MIN_FRAMES_A_STRETCH = 10
 
@@ -20,9 +21,16 @@ class SimulationSettings:
     """A simulated recording: scene, camera path and sensor.
 
     Scenes: `room` (furnished, textured), `two-rooms` (half of the frames in each, no overlap), `plane` (one wall
-    fills the view), `textureless` (the room without any texture), `repeated` (the same tile on everything).
+    fills the view), `textureless` (the room without any texture), `repeated` (the same tile on everything),
+    `turntable` (a box on a board that turns before a camera at rest: poses are those in the board's world, in which the
+    room turns; path `loop` only).
     Paths: `loop` (a little over one turn, ending where it began), `xyz` (translations before one wall, every pair
     overlaps), `rotation` (no translation), `still`, `random-walk` (smooth and different for every seed).
+
+    `alike` places: with `half-turn` a room, or a board and its box, look the same when they are turned by 180 degrees
+    about the vertical; with `rooms` all rooms have the same walls and furniture.
+
+    At each of so many `cuts`, evenly spread, a part of the path is left out while the stamps go on as if it were not.
 
     Several `rooms` are joined by doors; `loop` then leads through all of them and ends in the first. Any number of
     frames covers the whole walk: so many at such a `rate_hz` as take about as long as `simulation.tour.duration_s`
@@ -60,11 +68,13 @@ class SimulationSettings:
     focal_px: float | None = None  # None: 525 px at a width of 640
     accelerometer: bool = False  # also write accelerometer.txt, at 100 Hz, with noise and bias
     rooms: int = 1
+    alike: str = "nothing"
+    cuts: int = 0
     hard: tuple[str, ...] = ()
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:
-        given = [("scene", self.scene, SCENES), ("path", self.path, PATHS)]
+        given = [("scene", self.scene, SCENES), ("path", self.path, PATHS), ("alike places", self.alike, ALIKE)]
         for key, value, known in (*given, *(("hard stretch", each, HARD) for each in self.hard)):
             if value not in known:
                 near = difflib.get_close_matches(value, known, n=1)
@@ -82,12 +92,19 @@ class SimulationSettings:
             ("path_share", 1e-4, 1.0),
             ("noise_level", 0.0, 20.0),
             ("rooms", 1, 100),
+            ("cuts", 0, 100),
         ):
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")
-        if self.rooms > 1 and (self.path != "loop" or self.scene in ("two-rooms", "plane")):
+        if self.scene == "turntable" and (self.path != "loop" or self.moving_object):
+            raise ConfigError("scene 'turntable' needs path 'loop', and nothing else may move")
+        if self.alike == "half-turn" and (self.rooms > 1 or self.scene not in ("room", "turntable")):
+            raise ConfigError("alike 'half-turn' needs one room or a turntable")
+        if self.alike == "rooms" and self.rooms < 2:
+            raise ConfigError("alike 'rooms' needs several rooms")
+        if self.rooms > 1 and (self.path != "loop" or self.scene in ("two-rooms", "plane", "turntable")):
             raise ConfigError("several rooms need path 'loop' and scene 'room', 'textureless' or 'repeated'")
-        if "blank" in self.hard and self.scene in ("two-rooms", "plane"):
+        if "blank" in self.hard and self.scene in ("two-rooms", "plane", "turntable"):
             raise ConfigError(f"hard stretch 'blank' needs a room; scene '{self.scene}' has no place for it")
         if len(self.hard) > self.frames / MIN_FRAMES_A_STRETCH:
             least = MIN_FRAMES_A_STRETCH * len(self.hard)

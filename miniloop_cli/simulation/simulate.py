@@ -13,10 +13,10 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, DepthNoise
 from miniloop_cli.scene.sequence import Scan, Trajectory
 from miniloop_cli.simulation import sensor
-from miniloop_cli.simulation.building import build_scene
+from miniloop_cli.simulation.building import ROOM, T_WORLD_ROOM, build_scene
 from miniloop_cli.simulation.furniture import add_figure
 from miniloop_cli.simulation.layout import Layout
-from miniloop_cli.simulation.path import Path, make_path
+from miniloop_cli.simulation.path import Path, make_path, with_cuts
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.stretches import Tick, shaken, ticks
 from miniloop_cli.simulation.tour import tour
@@ -51,7 +51,7 @@ class SimulatedFrame:
 def simulate(settings: SimulationSettings, rng: Generator) -> Iterator[SimulatedFrame]:
     """The frames of a recording. The scene and the path depend on the seed, not on the sensor's settings."""
     scene_rng, path_rng, noise_rng = rng.spawn(3)
-    scene = build_scene(settings.scene, scene_rng, settings.rooms, "blank" in settings.hard)
+    scene = build_scene(settings.scene, scene_rng, settings.rooms, "blank" in settings.hard, settings.alike)
     path = _path(settings, path_rng)
     figure = add_figure(scene, np.random.default_rng(7)) if settings.moving_object else None
     arrays, rays, t = scene.arrays(), camera_rays(settings.camera), frame_times_s(settings)
@@ -111,6 +111,7 @@ def _path(settings: SimulationSettings, rng: Generator) -> Path:
         path = tour(Layout(settings.rooms), duration_s / settings.path_share, rng)
     else:
         path = make_path(settings.path, settings.scene, duration_s, rng, settings.path_share)
+    path = with_cuts(path, settings.cuts, duration_s) if settings.cuts else path
     return shaken(path, settings)
 
 
@@ -140,6 +141,9 @@ def _frame(
     def image(time_s: float) -> tuple[NDArray, ...]:
         if figure is not None:
             scene[0][figure] = _figure_pose(path(np.array([time_s]))[0], time_s)
+        if settings.scene == "turntable":  # the room rests where the camera does
+            before, now = path(np.array([0.0, time_s]))
+            scene[0][ROOM] = se3.inverse(now @ se3.inverse(before) @ T_WORLD_ROOM)
         return render(rays, path(time_s + row_s), 1 / camera.fx, scene)
 
     light, depth_m, cosine, hit = image(t)

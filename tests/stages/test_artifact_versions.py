@@ -29,6 +29,7 @@ MADE_BY = {
     artifacts.REPETITION: "verification/repetition.py",
     artifacts.GUIDED: "stages/guided_matching.py",
     artifacts.REFINED: "stages/refine.py",
+    artifacts.SECOND_MODES: "stages/doubt.py",
     CLOUD: "results/write.py",
     PICTURES: "report/cached_images.py",
 }
