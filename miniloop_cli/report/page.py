@@ -11,6 +11,7 @@ from miniloop_cli.evaluation.evaluate import Evaluation, evaluate
 from miniloop_cli.report import sections
 from miniloop_cli.report.assessment import assess
 from miniloop_cli.report.templating import render
+from miniloop_cli.report.viewer.embedded import embedded
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -31,9 +32,11 @@ def write_report(data: ReportData, store: Store) -> Path:
         "page.html",
         name=data.name,
         version=__version__,
-        style=asset("page.css"),
+        style=asset("page.css") + asset("viewer/assets/viewer.css"),
         script=asset("page.js"),
+        viewer=asset("viewer/assets/viewer.js"),
         assessment=assess(data, evaluation),
+        view=embedded(data, evaluation, store),
         trajectory=sections.trajectory(data, trajectory, evaluation),
         model=sections.model(data, trajectory, store),
         overlap=sections.overlap(data),
