@@ -33,6 +33,7 @@ async function start(viewer) {
   const source = await openSource();
   const { scene } = source;
   const frames = new Frames(scene.frames, scene.camera);
+  viewer.classList.toggle("v-alone", !frames.count); // a model without frames
   const stage = new Stage(part("canvas"), scene.up);
   const pace = new Pace(stage);
   const slab = new Slab(stage);

@@ -60,15 +60,11 @@ export class Tiles {
       left -= tile.end - tile.begin;
       finest = Math.min(finest, tile.spacing);
     }
-    const drawn = this.held.filter(tile => tile.points.visible);
-    for (const tile of drawn) spread(tile.points, this.local(tile, drawn, finest), this.stage);
+    // Among finer points, coarse ones are drawn as small as these, though not everywhere are there finer ones.
+    for (const tile of this.held)
+      if (tile.points.visible) spread(tile.points, Math.max(finest, tile.spacing / 4), this.stage);
     this.pace.drawn(this.pace.budget() - left, this.count);
     this.fetch(seen);
-  }
-
-  /** The spacing of a tile's points with those of the finer tiles within it: half of its own where there are any. */
-  local(tile, drawn, finest) {
-    return Math.max(drawn.length > 1 ? tile.spacing / 2 : tile.spacing, finest / 2);
   }
 
   fetch(seen) {

@@ -17,6 +17,7 @@ from miniloop_cli.typing import Floats, Ints
 
 BITS = 16  # of a coordinate within the cube; also the number of levels below the root
 STEPS = (1 << BITS) - 1
+FEW_POINTS = 3000  # a tile, on average: more tiles cost more requests than they save points
 TILE_LEVELS = 7  # a tile holds a grid of 2^7 cells a side of its cube
 
 
@@ -92,14 +93,16 @@ def _levels(codes: NDArray[np.uint64]) -> Ints:
     return np.r_[0, np.where(differ == 0, BITS + 1, BITS - place // 3)].astype(np.int64)
 
 
-def tiles(levels: Levels) -> tuple[Levels, list[Tile]]:
+def tiles(levels: Levels, few: int = FEW_POINTS) -> tuple[Levels, list[Tile]]:
     """The points sorted by tile, coarse tiles first, and the tiles: the nodes of an octree as Potree's (Schütz 2016).
 
     The tile of a point of level k lies TILE_LEVELS above it, so a tile adds to the tiles around it points that stand
-    about a 2^-TILE_LEVELS of its side apart.
+    about a 2^-TILE_LEVELS of its side apart; the deepest tiles hold all that is finer.
     """
+    codes = morton(levels.steps.astype(np.uint64))
     depth = np.clip(levels.level - TILE_LEVELS, 0, BITS - TILE_LEVELS)
-    node = morton(levels.steps.astype(np.uint64)) >> (3 * (BITS - depth)).astype(np.uint64)
+    depth = np.minimum(depth, _deepest(codes, depth, few))
+    node = codes >> (3 * (BITS - depth)).astype(np.uint64)
     order = np.lexsort((np.arange(len(levels)), node, depth))
     depth, node = depth[order], node[order]
     changes = np.flatnonzero((np.diff(depth) != 0) | (np.diff(node) != 0)) + 1
@@ -109,3 +112,12 @@ def tiles(levels: Levels) -> tuple[Levels, list[Tile]]:
         x, y, z = (int(step) >> (BITS - int(depth[begin])) for step in steps[begin])
         found.append(Tile(int(depth[begin]), (x, y, z), begin, end))
     return Levels(levels.order[order], levels.level[order], steps, levels.corner, levels.side), found
+
+
+def _deepest(codes: NDArray[np.uint64], depth: Ints, few: int) -> int:
+    """The depth below which tiles would hold fewer than `few` points on average."""
+    for deeper in range(1, int(depth.max(initial=0)) + 1):
+        own = codes[depth >= deeper] >> np.uint64(3 * (BITS - deeper))
+        if len(own) < few * len(np.unique(own)):
+            return deeper - 1
+    return BITS - TILE_LEVELS
