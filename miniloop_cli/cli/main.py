@@ -28,6 +28,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 COMMANDS = {
     "register": "miniloop_cli.cli.register:register",
     "eval": "miniloop_cli.cli.eval:evaluate",
+    "view": "miniloop_cli.cli.view:view",
+    "plot": "miniloop_cli.cli.plot:plot",
     "export": "miniloop_cli.cli.export:export",
     "mesh": "miniloop_cli.cli.mesh:mesh",
     "inspect": "miniloop_cli.cli.inspect:inspect",

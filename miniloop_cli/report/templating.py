@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,3 +30,8 @@ def environment() -> Environment:
 def render(template: str, **values: Any) -> str:
     """A template of this package, filled in. Raises jinja2.UndefinedError for a value that is not given."""
     return environment().get_template(template).render(values)
+
+
+def asset(name: str) -> str:
+    """The text of a file of this package."""
+    return files("miniloop_cli.report").joinpath(name).read_text(encoding="utf-8")

@@ -79,6 +79,7 @@ class Frames:
     component: list[str]
     status: list[str]
     reason: list[str]
+    found_by: list[str]
 
     def __len__(self) -> int:
         return len(self.timestamp_s)
@@ -99,13 +100,18 @@ class RunColumns:
 
 @dataclass(frozen=True)
 class ReportData:
-    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j."""
+    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j.
+
+    `covariance` (n, 6, 6): of every frame's (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], NaN where it is not
+    known; None without the file.
+    """
 
     results: Results
     sequence: Recording | None
     edges: Edges
     frames: Frames
     inlier_px: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+    covariance: Floats | None = None
 
     @property
     def name(self) -> str:
@@ -142,7 +148,8 @@ def load(results_dir: Path, sequence: Recording | None = None) -> ReportData:
     edges, frames = read_edges(results), read_frames(results)
     if len(edges) and max(edges.i.max(), edges.j.max()) >= len(frames):
         raise InputError(f"{results.root / 'edges.csv'} names frames beyond the {len(frames)} of frames.csv")
-    return ReportData(results, sequence, edges, frames, read_inliers(results.root, len(edges)))
+    covariance = read_covariances(results.root, len(frames))
+    return ReportData(results, sequence, edges, frames, read_inliers(results.root, len(edges)), covariance)
 
 
 def read_edges(results: Results) -> Edges:
@@ -191,6 +198,7 @@ def frame_columns(rows: Rows, path: Path, stamps_s: Floats) -> Frames:
         component=texts(rows, "component"),
         status=texts(rows, "status"),
         reason=texts(rows, "reason"),
+        found_by=texts(rows, "found_by"),
     )
 
 
@@ -224,3 +232,25 @@ def read_inliers(root: Path, edges: int) -> dict[int, tuple[Floats, Floats]]:
     except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
         raise InputError(f"{path}: {error}; run `miniloop register` again") from error
     return {k: (px_i[a:b], px_j[a:b]) for k, (a, b) in enumerate(itertools.pairwise(starts))}
+
+
+def read_covariances(root: Path, frames: int) -> Floats | None:
+    """covariances.npz as (n, 6, 6), NaN for frames that are not in it; None without the file.
+
+    Raises InputError where it does not belong to a run of so many frames.
+    """
+    path = root / "covariances.npz"
+    if not path.is_file():
+        return None
+    found = np.full((frames, 6, 6), np.nan)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            numbers, covariance = np.asarray(stored["frames"]), np.asarray(stored["covariance"])
+        if numbers.dtype.kind not in "iu" or covariance.dtype.kind != "f" or covariance.shape != (len(numbers), 6, 6):
+            raise ValueError("expected frames (k,) and covariance (k, 6, 6)")
+        if len(numbers) and not (numbers.min() >= 0 and numbers.max() < frames):
+            raise ValueError(f"frames beyond the {frames} of the run")
+        found[numbers] = covariance
+    except Exception as error:  # as above
+        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
+    return found

@@ -28,10 +28,8 @@ def read_inputs(
     `source`: a results folder or a trajectory; `truth`: a trajectory or a recording that has one; `edges_path`: an
     edges.csv or a list of lines "i j". Raises InputError for what is missing or malformed.
     """
-    file = source / "trajectory.txt" if source.is_dir() else source
-    # A trajectory of another name does not belong to the run whose folder it may lie in.
-    folder = Results(file.parent) if file.name == "trajectory.txt" else None
-    trajectory = folder.trajectory if folder else read_trajectory(file)
+    folder = run_of(source)
+    trajectory = read_poses(source)
     if folder:
         folder.check_camera()
     if edges_path is None:
@@ -42,6 +40,19 @@ def read_inputs(
         edges = read_edge_list(edges_path, frame_stamps(folder, truth, follow_links))
     edges_are = f"edges of {edges_path.name}" if edges_path else "verified edges"
     return trajectory, ground_truth(truth, trajectory.timestamps_s, folder, follow_links), edges, protocol, edges_are
+
+
+def run_of(source: Path) -> Results | None:
+    """The run of a results folder or of its trajectory.txt."""
+    file = source / "trajectory.txt" if source.is_dir() else source
+    # A trajectory of another name does not belong to the run whose folder it may lie in.
+    return Results(file.parent) if file.name == "trajectory.txt" else None
+
+
+def read_poses(source: Path) -> Trajectory:
+    """The trajectory of a results folder, or of a file."""
+    folder = run_of(source)
+    return folder.trajectory if folder else read_trajectory(source)
 
 
 def ground_truth(path: Path, frames_s: Floats, folder: Results | None, follow_links: bool = False) -> Trajectory:

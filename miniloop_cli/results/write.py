@@ -37,7 +37,10 @@ from miniloop_cli.version import __version__
 
 CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
-OF_ONE_RUN = ("trajectory.txt", "graph.g2o", "cloud.ply", "summary.json", "log.txt", "report.html")
+OF_ONE_RUN = (
+    *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz"),
+    *("summary.json", "log.txt", "report.html"),
+)
 
 
 def write_results(run: Registration, folder: Path, workers: Workers, store: Store) -> None:
@@ -56,6 +59,7 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     registered = run.poses.registered
     if len(registered):
         _write_graph(run, folder / "graph.g2o")
+        _write_covariances(run, folder / "covariances.npz")
         begin = time.perf_counter()
         write_ply(folder / "cloud.ply", *_cloud(run, workers, store))
         run.timings_s["model"] = round(time.perf_counter() - begin, 3)
@@ -148,6 +152,14 @@ def _write_inliers(run: Registration, path: Path) -> None:
     px_i, px_j = (px[first[scans].repeat(counts) + rows[:, k]] for k, scans in enumerate((edges.i, edges.j)))
     with atomic_write(path, "wb") as file:
         np.savez(file, offsets=np.cumsum([0, *counts]), px_i=px_i, px_j=px_j)
+
+
+def _write_covariances(run: Registration, path: Path) -> None:
+    """Covariance of every registered frame whose pose has one."""
+    registered = run.poses.registered
+    known = registered[np.isfinite(run.covariance[registered]).all(axis=(1, 2))]
+    with atomic_write(path, "wb") as file:
+        np.savez(file, frames=known, covariance=run.covariance[known])
 
 
 def _write_graph(run: Registration, path: Path) -> None:

@@ -1,5 +1,6 @@
 """Damaged results folders: a MiniloopError in one line, or a page; never anything else."""
 
+import json
 import shutil
 
 import numpy as np
@@ -11,6 +12,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.evaluation.evaluate import evaluate
 from miniloop_cli.report import charts, sections
 from miniloop_cli.report.templating import render
+from miniloop_cli.report.viewer.scene import scene
 from miniloop_cli.results.assessment import judge
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.folder import Results
@@ -62,6 +64,7 @@ def use(folder):
         if values is not None:
             render(f"{name}.html", **{name: values})
     charts.trajectory_charts(data, results.trajectory, None)
+    json.dumps(scene(data, evaluation), allow_nan=False)
     read_g2o(folder / "graph.g2o")
 
 

@@ -1,0 +1,137 @@
+// What is known of the selected frame or edge, as text, images and buttons. Names are only ever set as text.
+import { degrees, known, length, plural } from "./format.js";
+import { matchPicture } from "./matches.js";
+
+const MOST_LISTED = 60;
+
+const FOUND_BY = {
+  tracked: "points were followed to it from a keyframe; it has no edges of its own",
+  keyframe: "matched with other keyframes",
+};
+
+export class Panel {
+  /** `choose`: { frame(k), edge(e) } */
+  constructor(element, frames, edges, source, choose) {
+    Object.assign(this, { element, frames, edges, source, choose });
+  }
+
+  /** An element with text or children. */
+  make(tag, content = [], attributes = {}) {
+    const made = document.createElement(tag);
+    made.append(...[content].flat());
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    return made;
+  }
+
+  facts(rows) {
+    const shown = rows.filter(([, value]) => known(value) && value !== "");
+    return this.make("dl", shown.flatMap(([name, value]) => [this.make("dt", name), this.make("dd", String(value))]));
+  }
+
+  nothing() {
+    this.element.replaceChildren(this.make("p", "Click a camera or an edge, or step through the frames below."));
+  }
+
+  frame(k) {
+    const { columns } = this.frames, own = this.edges.ofFrame(k);
+    const lost = !columns.pose[k], apart = columns.piece[k] > 0;
+    const rows = [
+      ["time", `${columns.seconds[k].toFixed(2)} s (stamp ${columns.stamp[k]})`],
+      ["pose", lost ? `none: ${columns.reason[k] || columns.status[k] || "not registered"}`
+        : apart ? `in piece ${columns.piece[k]}: ${columns.reason[k]}` : FOUND_BY[columns.found_by[k]]],
+      ["error", known(columns.error_m[k]) ? length(columns.error_m[k]) : null],
+      ["uncertainty", known(columns.sigma_m[k]) ? `${length(columns.sigma_m[k])}, ${degrees(columns.sigma_deg[k])}` : null],
+      ["speed", known(columns.speed[k]) ? `${columns.speed[k].toFixed(2)} m/s` : null],
+      ["keypoints", columns.keypoints[k]],
+    ];
+    const parts = [this.make("h3", `Frame ${k}`), ...this.image(k), this.facts(rows)];
+    const worst = own.find(e => this.edges.verdict(e) === "verified" && known(this.edges.residual(e)));
+    if (known(worst)) parts.push(this.make("h4", "Its worst edge"), this.brief(worst), this.matches(worst));
+    parts.push(this.make("h4", plural(own.length, "edge")));
+    const list = own.slice(0, MOST_LISTED).map(e => this.make("li", this.button(e, k)));
+    parts.push(this.make("ul", list, { class: "v-edges" }));
+    if (own.length > MOST_LISTED) parts.push(this.make("p", `${own.length - MOST_LISTED} more are not listed.`));
+    this.element.replaceChildren(...parts);
+  }
+
+  image(k) {
+    const picture = this.source.picture(k);
+    if (!picture) return [];
+    const image = this.make("img", [], { src: picture.src, alt: `colour image of frame ${picture.frame}` });
+    image.addEventListener("error", () => image.replaceWith(this.make("p", "Its image cannot be read.")));
+    const note = picture.frame === k ? [] : [
+      this.make("p", `Image of frame ${picture.frame}, the nearest that this page carries; miniloop view shows all.`)];
+    return [image, ...note];
+  }
+
+  /** One line: what an edge is worth. */
+  line(e) {
+    const { columns } = this.edges;
+    const off = known(columns.deg[e]) ? `, ${degrees(columns.deg[e])}, ${length(columns.m[e])} off` : "";
+    return `${this.edges.verdict(e)}${off}`;
+  }
+
+  button(e, k) {
+    const { i, j } = this.edges.columns;
+    const other = i[e] === k ? j[e] : i[e];
+    const button = this.make("button", `to ${other}: ${this.line(e)}`, { type: "button", class: this.edges.verdict(e) });
+    button.addEventListener("click", () => this.choose.edge(e));
+    return button;
+  }
+
+  brief(e) {
+    const { i, j } = this.edges.columns;
+    const button = this.make("button", `${i[e]}–${j[e]}: ${this.line(e)}`, { type: "button", class: this.edges.verdict(e) });
+    button.addEventListener("click", () => this.choose.edge(e));
+    return button;
+  }
+
+  edge(e) {
+    const { columns } = this.edges;
+    const [i, j] = [columns.i[e], columns.j[e]];
+    const solver = columns.solver_words[columns.solver[e]];
+    const cycle = columns.cycle[e] === "" ? "" : `, cycle ${columns.cycle[e]}`;
+    const rows = [
+      ["verdict", this.edges.verdict(e)],
+      ["why", this.why(e)],
+      ["solver", `${solver}${cycle}`],
+      ["matches", known(columns.matches[e]) ? `${columns.inliers[e]} of ${columns.matches[e]} agree` : null],
+      ["residual", known(columns.deg[e]) ? `${degrees(columns.deg[e])}, ${length(columns.m[e])} to the final poses` : null],
+      ["found in", columns.origins ? columns.origins[columns.origin[e]] : null],
+    ];
+    const ends = [i, j].map(k => {
+      const button = this.make("button", `frame ${k}`, { type: "button" });
+      button.addEventListener("click", () => this.choose.frame(k));
+      return button;
+    });
+    this.element.replaceChildren(
+      this.make("h3", `Edge ${i}–${j}`), this.make("p", ends, { class: "v-ends" }), this.matches(e), this.facts(rows));
+  }
+
+  why(e) {
+    const { columns } = this.edges;
+    if (columns.reason[e]) return columns.reason[e];
+    if (this.edges.verdict(e) !== "verified") return null;
+    return columns.solvers[columns.solver[e]] === "followed"
+      ? "points were followed from one frame to the other" : "enough matches agree, and nothing speaks against it";
+  }
+
+  /** The matches of an edge on its images; filled in when the images are there. */
+  matches(e) {
+    const { columns } = this.edges, holder = this.make("figure");
+    const [i, j] = [columns.i[e], columns.j[e]];
+    const [a, b] = [i, j].map(k => this.source.picture(k));
+    if (!a || !b) return holder;
+    if (a.frame !== i || b.frame !== j) {
+      holder.append(this.make("figcaption", "This page does not carry both images; miniloop view shows all."));
+      return holder;
+    }
+    const px = columns.px[e], count = px.length / 4;
+    const all = known(columns.inliers[e]) && columns.inliers[e] > count ? ` of ${columns.inliers[e]}` : "";
+    const said = count ? `${count}${all} matches that agree` : "No matches that agree are kept of it.";
+    matchPicture(a.src, b.src, px, this.frames.camera.width, `frames ${i} and ${j}: ${said}`)
+      .then(canvas => holder.replaceChildren(canvas, this.make("figcaption", said)))
+      .catch(() => holder.replaceChildren(this.make("figcaption", "Its images cannot be read.")));
+    return holder;
+  }
+}
