@@ -72,14 +72,21 @@ def quaternions(T: np.ndarray) -> np.ndarray:
     return np.hstack([Rotation.from_matrix(T[:, :3, :3]).as_quat(), T[:, :3, 3]])
 
 
-def video(path: Path, frames: list[np.ndarray], rate: int = 60, lossless: bool = False, gop: int = 12) -> Path:
-    """An MP4 of H.264 as ffmpeg writes it, with B-frames."""
+def video(
+    path: Path,
+    frames: list[np.ndarray],
+    rate: int = 60,
+    lossless: bool = False,
+    gop: int = 12,
+    encoder: str = "libx264",
+) -> Path:
+    """An MP4 of H.264 or, by libx265, of HEVC as ffmpeg writes it, with B-frames."""
     import av
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
         options = {"crf": "0" if lossless else "12", "g": str(gop), "bf": "2"}
-        stream = container.add_stream("libx264", rate=rate, options=options)
+        stream = container.add_stream(encoder, rate=rate, options=options)
         stream.width, stream.height = frames[0].shape[1], frames[0].shape[0]
         stream.pix_fmt = "yuv444p" if lossless else "yuv420p"
         for image in frames:

@@ -54,6 +54,8 @@ CASES = {
     "record3d unpacked": ("record3d-file", r3d_unpacked, UPRIGHT, 6, 0),
     "stray scanner": ("stray-scanner", as_folder(apps.stray_scanner), BIG, 8, 0.0006),
     "stray scanner 2024": ("stray-scanner", as_folder(apps.stray_scanner, form="2024"), BIG, 8, 0.0006),
+    "stray scanner hevc": ("stray-scanner", as_folder(apps.stray_scanner, encoder="libx265"), BIG, 8, 0.0006),
+    "scannetpp hevc": ("scannetpp", as_folder(apps.scannetpp, encoder="libx265"), BIG, 8, 0.0006),
     "stray scanner zip": ("stray-scanner", stray_zip, BIG, 8, 0.0006),
     "polycam": ("polycam", as_folder(apps.polycam), BIG, 6, 0.0006),
     "polycam zip": ("polycam", polycam_zip, BIG, 6, 0.0006),
