@@ -99,5 +99,20 @@ def run(
     measure(sequences, results, output, parts, without)
 
 
+@benchmarks.command(context_settings=CONTEXT, short_help="One section of BENCHMARK.md from measured rows.")
+@click.argument("name", type=click.Choice(["whole", "growth"]))
+@click.argument("rows", type=FILE)
+@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
+def section(name: str, rows: Path, output: Path) -> None:
+    """Put the table of `whole` or `growth` into BENCHMARK.md; ROWS is what the command wrote with --json.
+
+    \b
+    Example:   python -m benchmarks section whole whole.json
+    """
+    from benchmarks.side_by_side.report import read, update
+
+    update(name, read(rows)["rows"], output)
+
+
 if __name__ == "__main__":
     main(command=benchmarks, program="python -m benchmarks")

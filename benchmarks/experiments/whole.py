@@ -52,7 +52,7 @@ def whole_rows(
         for name in programs or PROGRAMS:
             place = runs.resolve() / folder.resolve().name / name
             place.mkdir(parents=True, exist_ok=True)
-            row: Row = {"sequence": folder.resolve().name, "frames": len(recording.frames)}
+            row: Row = {"sequence": folder.resolve().name, "frames": len(recording.with_color_only()[0].frames)}
             row |= {"program": PROGRAMS[name].name, "poses": None, "ate_cm": None, "rpe_deg": None, "rpe_cm": None}
             row |= {"cpu_s": None, "wall_s": None, "peak_mb": None, "said": ""}
             try:
@@ -83,7 +83,7 @@ def accuracy(trajectory: Path, folder: Path) -> Row:
     Ground truth: the nearest sample within 20 ms. Raises MiniloopError where there are fewer than three poses.
     """
     recording, truth = open_with_truth(folder)
-    stamps = np.array([frame.timestamp_s for frame in recording.frames])
+    stamps = recording.with_color_only()[0].stamps_s
     pairs = np.stack([stamps[:-1], stamps[1:]], axis=1)
     found = evaluate(read_trajectory(trajectory, stamps), truth, pairs, Protocol(association="nearest")).numbers
     relative = found["rpe"]["edges"]

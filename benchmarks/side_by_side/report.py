@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,10 @@ METHODS = {
     "open3d": "Open3D multiway, miniloop's matcher",
     "open3d-opencv": "Open3D multiway, OpenCV's matcher",
     "pycolmap": "pycolmap SfM, colour only, true scale given",
+}
+TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
+    "whole": ("Whole recordings", sections.WHOLE_TEXT, sections.whole_recordings),
+    "growth": ("From room to room", sections.GROWTH_TEXT, sections.growth),
 }
 REGENERATE = "python -m benchmarks run data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100"
 
@@ -112,4 +116,17 @@ def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
         longer = {n: read(p) | {"usage": read(p.with_suffix(".usage.json"))} for n, p in sorted(scaling.items())}
         found = {n: sections.scores(p.with_suffix(".txt"), results / f"simulated_{n}") for n, p in scaling.items()}
         parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(longer, found))]
+    for name, (title, words, make) in TABLES.items():
+        if rows := read(results / f"{name}.json").get("rows"):
+            parts += [f"## {title}", words, table(*make(rows))]
     output.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")
+
+
+def update(name: str, rows: Sequence[Json], output: Path) -> None:
+    """Replace the section of one of TABLES in BENCHMARK.md, or put it at the end; the others stay."""
+    title, words, make = TABLES[name]
+    head, *found = output.read_text(encoding="utf-8").rstrip().split("\n## ")
+    new = "\n\n".join([title, words, machine(), table(*make(rows))])
+    kept = [new if section.startswith(f"{title}\n") else section.rstrip() for section in found]
+    kept += [] if new in kept else [new]
+    output.write_text("\n\n## ".join([head.rstrip(), *kept]) + "\n", encoding="utf-8")

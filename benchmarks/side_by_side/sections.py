@@ -35,6 +35,15 @@ SCALING_TEXT = """\
 Simulated recordings (320 x 240, `--path random-walk`, all in one room: every scan overlaps a fifth of all others and
 more), defaults. Wall seconds a stage."""
 
+WHOLE_TEXT = """\
+`python -m benchmarks whole`: every frame of a recording, from image files to trajectory; miniloop with report and
+model. ORB-SLAM3 by pyorbslam3, with the recording's camera and a vocabulary learned beforehand from the recording's
+own features. Frame to frame: mean relative error of neighbouring frames. Seconds and memory of the whole process."""
+GROWTH_TEXT = """\
+`python -m benchmarks growth`: simulated recordings (320 x 240, 30 Hz) of a person who walks through as many rooms as
+fit, and back. Loops: pairs of frames that see the same place at different visits, and the share that edges join;
+between rooms: those seen through a door."""
+
 
 def edge_list(sequence: Path) -> Path:
     """The list of edges that relative errors are measured on."""
@@ -185,3 +194,28 @@ def scaling(runs: dict[int, Json], found: dict[int, Json]) -> Table:
         rows.append([*start, *wall, usage["wall"], usage["cpu"], round(usage["peak_mb"])])
     head = ["frames", "registered", "ATE cm", *(f"{name} s" for name in names), "wall s", "CPU s", "peak MB"]
     return head, rows
+
+
+def whole_recordings(rows: Sequence[Json]) -> Table:
+    """Whole recordings: miniloop beside others."""
+    keys = {
+        "poses": "poses", "ate_cm": "ATE cm", "rpe_deg": "frame to frame deg", "rpe_cm": "cm", "cpu_s": "CPU s",
+        "wall_s": "wall s", "peak_mb": "peak MB",
+    }  # fmt: skip
+    named = [f"{row['sequence']}, {row['frames']} frames: {row['program']}" for row in rows]
+    return ["", *keys.values()], [[name, *_cells(row, keys)] for name, row in zip(named, rows, strict=True)]
+
+
+def growth(rows: Sequence[Json]) -> Table:
+    """Recordings of growing length."""
+    keys = {
+        "frames": "frames", "rooms": "rooms", "poses": "poses", "ate_cm": "ATE cm", "cpu_ms": "CPU ms a frame",
+        "wall_ms": "wall ms a frame", "peak_mb": "peak MB", "loops": "loops", "found_share": "found",
+        "between": "between rooms", "between_share": "found",
+    }  # fmt: skip
+    return [*keys.values()], [_cells(row, keys) for row in rows]
+
+
+def _cells(row: Json, keys: dict[str, str]) -> list[Any]:
+    whole = {"peak_mb": round, "found_share": "{:.0%}".format, "between_share": "{:.0%}".format}
+    return [whole[key](row[key]) if key in whole and row.get(key) is not None else row.get(key) for key in keys]
