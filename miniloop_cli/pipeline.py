@@ -90,7 +90,7 @@ def register(
             poses, edges = average(more, scans, settings.averaging, photometric)
         poses, certificate = prove_optimum(poses, edges, settings.averaging)
     between = Between.of(tracked, whole, vertical, of_whole.accelerometer) if tracked else None
-    found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked)
+    found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked, vertical is not None)
     if len(poses.registered) < 2:
         poses = tracked.all_poses(poses) if tracked else poses
         unknown = Refined(poses, np.full((len(poses.component), 6, 6), np.nan))
@@ -127,6 +127,7 @@ def _registration(
     notes: tuple[Note, ...],
     whole: Sequence,
     tracked: Tracked | None,
+    leveled: bool,
     refined: Refined,
     certificate: Certificate | None = None,
     doubts: tuple[Note, ...] = (),
@@ -146,6 +147,7 @@ def _registration(
         (*notes, *((certificate.note,) if certificate else ()), *doubts),
         tracked.status if tracked else None,
         certificate,
+        leveled,
     )
 
 

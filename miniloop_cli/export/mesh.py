@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -17,12 +18,14 @@ from miniloop_cli.export.undistort import undistorter
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.progress import track
 from miniloop_cli.runtime.signals import uninterrupted
+from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 BLOCK = 16  # voxels a side
 # A block's voxels (distance and weight float32, colour 3 float32), and about as much again while the mesh is made.
 BYTES_A_BLOCK = BLOCK**3 * 20 * 2
 COARSER = 1.5  # what the voxel size grows by where memory does not suffice
+Observer = Callable[[int, Scan], None]  # takes a row of the trajectory and its undistorted scan
 SYSTEM_PACKAGES = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"
 
 
@@ -59,16 +62,18 @@ def fuse(
     memory_mb: int = 3000,
     min_weight: float = 3.0,
     quiet: bool = False,
+    observe: Observer | None = None,
 ) -> Surface:
     """Fuse every registered scan. A voxel must be seen `min_weight` times to count.
 
     Where the surface would need more than `memory_mb`, it is started again with voxels half as large again.
+    `observe` is shown every scan that is fused, again after such a start.
     Raises MiniloopError if open3d cannot be imported or nothing was fused; frames that cannot be read are skipped.
     """
     o3d = import_open3d()
     most_blocks = max(1, int(memory_mb * 1e6 / BYTES_A_BLOCK))
     while True:
-        grid, skipped = integrate(o3d, model, voxel_m, max_depth_m, most_blocks, quiet)
+        grid, skipped = integrate(o3d, model, voxel_m, max_depth_m, most_blocks, quiet, observe)
         if grid is not None:
             break
         voxel_m *= COARSER
@@ -95,7 +100,13 @@ def in_order(points: Any) -> tuple[Floats32, Bytes, Ints]:
 
 
 def integrate(
-    o3d: ModuleType, model: Model, voxel_m: float, max_depth_m: float, most_blocks: int, quiet: bool
+    o3d: ModuleType,
+    model: Model,
+    voxel_m: float,
+    max_depth_m: float,
+    most_blocks: int,
+    quiet: bool,
+    observe: Observer | None = None,
 ) -> tuple[Any, list[str]]:
     """The filled grid, None if it needs more than `most_blocks`; and why frames were skipped."""
     core = o3d.core
@@ -113,12 +124,14 @@ def integrate(
     poses = se3.inverse(model.trajectory.T_world_cam)
     skipped: list[str] = []
     jobs = list(zip(model.recording_rows.tolist(), poses, strict=True))
-    for k, T_cam_world in track(jobs, f"fusing at {1000 * voxel_m:.0f} mm", quiet=quiet):
+    for row, (k, T_cam_world) in enumerate(track(jobs, f"fusing at {1000 * voxel_m:.0f} mm", quiet=quiet)):
         try:
             scan = undistort(read_scan(sequence, k))
         except InputError as error:
             skipped.append(str(error))
             continue
+        if observe is not None:
+            observe(row, scan)
         if not ((scan.depth_m > 0) & (scan.depth_m < max_depth_m)).any():
             continue
         depth = o3d.t.geometry.Image(core.Tensor(np.ascontiguousarray(scan.depth_m)))

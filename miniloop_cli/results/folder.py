@@ -83,6 +83,11 @@ class Results:
             raise InputError(f"{path}: expected a JSON object; run `miniloop register` again")
         return data
 
+    @property
+    def leveled(self) -> bool:
+        """Whether gravity turned the world of the result so that z is up."""
+        return self.summary.get("leveled") is True
+
     @cached_property
     def frame_stamps_s(self) -> Floats:
         """(n,) time stamps of the recording's frames by number, from frames.csv; empty without it.

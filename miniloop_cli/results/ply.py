@@ -26,18 +26,27 @@ def write_ply(
     faces: NDArray[np.integer] | None = None,
     comment: str = "metres, world frame of trajectory.txt",
     precise: bool = False,
+    uv: NDArray[np.floating] | None = None,
+    texture: str = "",
 ) -> None:
     """Write (n, 3) points (m), (n, 3) RGB and, for a mesh, (m, 3) vertex numbers a triangle.
 
-    `precise`: coordinates as float64, which every reader takes but `read_ply`.
+    `precise`: coordinates as float64. `uv` (n, 2): places in the image file `texture` beside the PLY, from its lower
+    left corner. `read_ply` takes neither.
     """
     points, colors = np.asarray(points), np.asarray(colors)
     if points.ndim != 2 or points.shape[1] != 3 or colors.shape != points.shape:
         raise ValueError(f"points and colors must both be (n, 3), got {points.shape} and {colors.shape}")
-    vertices = np.empty(len(points), PRECISE_VERTEX if precise else VERTEX)
+    layout = PRECISE_VERTEX if precise else VERTEX
+    vertices = np.empty(len(points), layout if uv is None else np.dtype([*layout.descr, ("st", "<f4", 2)]))
     vertices["xyz"], vertices["rgb"] = points, colors
-    header = ["ply", "format binary_little_endian 1.0", f"comment {comment}", f"element vertex {len(points)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"comment {comment}"]
+    header += [f"comment TextureFile {texture}"] if texture else []
+    header += [f"element vertex {len(points)}"]
     header += [line.replace("float", "double") for line in VERTEX_LINES] if precise else VERTEX_LINES
+    if uv is not None:
+        vertices["st"] = uv
+        header += ["property float s", "property float t"]
     if faces is not None:
         header += [f"element face {len(faces)}", FACE_LINE]
     with atomic_write(Path(path), "wb") as file:
@@ -61,7 +70,8 @@ def read_ply(path: Path) -> tuple[Floats32, Bytes]:
             raise InputError(f"{path}: not a binary little-endian PLY file")
         body = [line for line in lines[2:] if not line.startswith("comment")]
         count = body[0].removeprefix("element vertex ") if body else ""
-        if body[1:7] != VERTEX_LINES or not count.isascii() or not count.isdigit():
+        more = body[7:8] and not body[7].startswith("element ")
+        if body[1:7] != VERTEX_LINES or more or not count.isascii() or not count.isdigit():
             raise InputError(f"{path}: expected vertices with float x y z and uchar red green blue only")
         size = int(count) * VERTEX.itemsize
         if Path(path).stat().st_size < len(head) + len(end) + size:

@@ -94,6 +94,7 @@ def summary(run: Registration) -> dict[str, Any]:
         "verdicts": dict(sorted(verdicts.items())),
         "cycles": pairs_by_solver(run.edges.solver.tolist(), run.settings.cycles.longest),
         "camera": run.sequence.camera.source,
+        "leveled": run.leveled,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
         "verdict": {

@@ -36,6 +36,7 @@ class Registration:
     `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
     `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
     TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
+    `leveled`: gravity turned the world so that z is up.
     """
 
     sequence: Sequence
@@ -51,6 +52,7 @@ class Registration:
     notes: tuple[Note, ...] = ()
     tracking: Ints | None = None
     certificate: Certificate | None = None
+    leveled: bool = False
 
     @property
     def scan_frames(self) -> Ints:
