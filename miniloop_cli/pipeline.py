@@ -148,6 +148,7 @@ def _registration(
         tracked.status if tracked else None,
         certificate,
         leveled,
+        refined.landmarks,
     )
 
 

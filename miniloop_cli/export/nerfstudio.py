@@ -1,6 +1,7 @@
 """nerfstudio's transforms.json: camera to world with OpenGL axes (x right, y up, z backward), depth paths and scale.
 
-Its lenses are OpenCV's with k1 k2 k3 p1 p2, and the fisheye; for the rational lens the images are undistorted.
+A pixel whose mask is black is ignored; where one frame has a mask, all have, as its data parser demands. Its lenses are
+OpenCV's with k1 k2 k3 p1 p2, and the fisheye; for the rational lens the images are undistorted.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from miniloop_cli.datasets import ImageFile, read_color
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
 from miniloop_cli.export.plain import write_clouds
-from miniloop_cli.export.undistort import stored_scale, undistorter, write_color, write_depth, write_png
+from miniloop_cli.export.undistort import imaged, stored_scale, undistorter, write_color, write_depth, write_png
 from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.geometry.lens import PINHOLE, Lens
+from miniloop_cli.runtime.progress import track
 from miniloop_cli.scene.sequence import DepthFormat
 
 NOTE = (
@@ -43,15 +47,28 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
         depth = write_depth(folder / "depth" / name, scan, stored_scale(sequence))
         return write_color(folder / "images" / name, scan), depth
 
-    paths = [images(k) for k in model.recording_rows.tolist()]
+    rim = np.zeros((camera.height, camera.width), bool) if lens else ~imaged(sequence.camera)
+    masked = rim.any() or any(sequence.frames[k].mask for k in model.recording_rows.tolist())
+
+    def mask(k: int) -> dict[str, str]:
+        if not masked:
+            return {}
+        scan = model.scan(k) if lens else undistort(model.scan(k))
+        ignored = rim if scan.mask is None else rim | scan.mask
+        keep = np.where(ignored, 0, 255).astype(np.uint8)
+        return {"mask_path": relative(write_png(folder / "masks" / f"{k:06d}.png", keep))}
+
+    numbers = model.recording_rows.tolist()
+    paths = [(*images(k), mask(k)) for k in track(numbers, "images")]
     frames = [
         {
             "file_path": relative(color),
             "depth_file_path": relative(depth),
+            **mask_path,
             "timestamp": sequence.frames[k].timestamp_s,
             "transform_matrix": (T @ OPENGL_AXES).tolist(),
         }
-        for k, (color, depth), T in zip(model.recording_rows.tolist(), paths, model.trajectory.T_world_cam, strict=True)
+        for k, (color, depth, mask_path), T in zip(numbers, paths, model.trajectory.T_world_cam, strict=True)
     ]
     data = {
         "note": NOTE,

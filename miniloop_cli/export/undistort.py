@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Scan, Sequence
+from miniloop_cli.typing import Bools
 
 OUTSIDE_PX = -1e4  # where the lens images nothing: far from any image
 
@@ -33,9 +34,19 @@ def undistorter(camera: Camera) -> Callable[[Scan], Scan]:
     def undistort(scan: Scan) -> Scan:
         color = cv2.remap(scan.color, *maps, cv2.INTER_LINEAR)
         depth_m = cv2.remap(scan.depth_m, *maps, cv2.INTER_NEAREST)
-        return Scan(np.asarray(color, np.uint8), np.asarray(depth_m, np.float32))
+        mask = None
+        if scan.mask is not None:
+            mask = cv2.remap(scan.mask.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0
+        return Scan(np.asarray(color, np.uint8), np.asarray(depth_m, np.float32), mask)
 
     return undistort
+
+
+def imaged(camera: Camera) -> Bools:
+    """(h, w) whether the lens images a pixel of undistorted images: it leaves a rim black where it bends inwards."""
+    white = np.full((camera.height, camera.width, 3), 255, np.uint8)
+    seen: Bools = undistorter(camera)(Scan(white, np.zeros(white.shape[:2], np.float32))).color[..., 0] == 255
+    return seen
 
 
 def write_color(path: Path, scan: Scan) -> Path:

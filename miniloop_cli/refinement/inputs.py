@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.priors import Accelerometer, Vertical
@@ -60,8 +61,9 @@ class Between:
 
 @dataclass(frozen=True)
 class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found."""
+    """Poses, their covariances (n, 6, 6; NaN where there are none), the timing and the landmarks that were found."""
 
     poses: Poses
     covariance: Floats
     timing: Timing = field(default_factory=Timing)
+    landmarks: Landmarks = NO_LANDMARKS

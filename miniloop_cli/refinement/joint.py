@@ -26,12 +26,14 @@ from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.landmarks import Landmarks
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
+LEAST_WEIGHT = 0.1  # of a sighting of a landmark: three scales of the kernel, or 2.2 px at the end
 MIN_SHARED = 10  # tracks that tie two scans to each other
 # Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
 # a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
@@ -153,7 +155,22 @@ def _bundle(
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
     feel = settings.motion and between is None
     result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
-    return _refined(result, poses, timing)
+    return replace(_refined(result, poses, timing), landmarks=landmarks_of(result, tracked))
+
+
+def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:
+    """The points of an adjustment and the measurements that agree with them, as they were measured in the images."""
+    good = (
+        result.used & (result.weight_px > LEAST_WEIGHT) & np.isfinite(result.points_world[measured.track]).all(axis=1)
+    )
+    rows = np.lexsort((measured.frame, measured.track))
+    found = Landmarks(
+        np.round(result.points_world, 9),
+        measured.track[rows].astype(np.int32),
+        measured.frame[rows].astype(np.int32),
+        measured.px_ideal[rows].astype(np.float32),
+    )
+    return found.seen_at(good[rows])
 
 
 def untied(measured: Measurements, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:

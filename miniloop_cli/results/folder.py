@@ -15,6 +15,7 @@ import numpy as np
 from miniloop_cli.datasets.pairs import read_pairs
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.landmarks import Landmarks
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats
 
@@ -99,6 +100,13 @@ class Results:
         if not (np.isfinite(stamps).all() and (np.diff(stamps) > 0).all()):
             raise InputError(f"{path}: column timestamp must hold increasing numbers")
         return stamps
+
+    @cached_property
+    def landmarks(self) -> Landmarks:
+        """landmarks.npz, by frame numbers; none without the file. Raises InputError if it is damaged."""
+        from miniloop_cli.results.landmarks import read_landmarks
+
+        return read_landmarks(self.root / "landmarks.npz")
 
     @cached_property
     def edge_stamps_s(self) -> Floats:

@@ -22,6 +22,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
+from miniloop_cli.results.landmarks import write_landmarks
 from miniloop_cli.results.ply import write_ply
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, frame_status, write_csv
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
@@ -38,7 +39,7 @@ from miniloop_cli.version import __version__
 CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = (
-    *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz"),
+    *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),
     *("summary.json", "log.txt", "report.html"),
 )
 
@@ -60,6 +61,8 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     if len(registered):
         _write_graph(run, folder / "graph.g2o")
         _write_covariances(run, folder / "covariances.npz")
+        if len(run.landmarks.point):
+            write_landmarks(folder / "landmarks.npz", run.landmarks)
         begin = time.perf_counter()
         write_ply(folder / "cloud.ply", *_cloud(run, workers, store))
         run.timings_s["model"] = round(time.perf_counter() - begin, 3)

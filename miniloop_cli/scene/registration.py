@@ -11,6 +11,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
+from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.timing import Timing
@@ -37,6 +38,7 @@ class Registration:
     `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
     TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
     `leveled`: gravity turned the world so that z is up.
+    `landmarks`: points of the bundle adjustment; none where there was no such adjustment.
     """
 
     sequence: Sequence
@@ -53,6 +55,7 @@ class Registration:
     tracking: Ints | None = None
     certificate: Certificate | None = None
     leveled: bool = False
+    landmarks: Landmarks = NO_LANDMARKS
 
     @property
     def scan_frames(self) -> Ints:

@@ -8,6 +8,7 @@ from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.landmarks import Landmarks
 from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.priors import Vertical
 from miniloop_cli.scene.scan_set import ScanSet
@@ -47,9 +48,17 @@ def refine(
         from miniloop_cli.refinement.joint import refine_jointly
 
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between)
-        timing_s = np.array([found.timing.readout_s, found.timing.lag_s])
-        columns = {"T_world_cam": found.poses.T_world_cam, "component": found.poses.component}
-        return columns | {"covariance": found.covariance, "timing_s": timing_s}
+        seen = found.landmarks
+        return {
+            "T_world_cam": found.poses.T_world_cam,
+            "component": found.poses.component,
+            "covariance": found.covariance,
+            "timing_s": np.array([found.timing.readout_s, found.timing.lag_s]),
+            "points": seen.points_world,
+            "point": seen.point,
+            "frame": seen.frame,
+            "px": seen.px,
+        }
 
     key = (
         scans.key,
@@ -64,4 +73,5 @@ def refine(
     )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
-    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing)
+    landmarks = Landmarks(*(kept[name] for name in ("points", "point", "frame", "px")))
+    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing, landmarks)

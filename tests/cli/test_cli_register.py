@@ -22,6 +22,7 @@ FILES = {
     "frames.csv",
     "graph.g2o",
     "inliers.npz",
+    "landmarks.npz",
     "log.txt",
     "report.html",
     "summary.json",

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from miniloop_cli.export.mesh_model import Mesh, vertex_normals
 from miniloop_cli.export.texture.views import density, looked_at
-from miniloop_cli.export.undistort import undistorter
+from miniloop_cli.export.undistort import imaged
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bools, Floats, Floats32, Ints
@@ -58,7 +58,7 @@ class Sight:
 
     def __init__(self, o3d: ModuleType, mesh: Mesh, camera: Camera, voxel_m: float) -> None:
         self.mesh, self.camera, self.voxel_m = mesh, camera, voxel_m
-        self._imaged = imaged(camera)
+        self._imaged = cv2.erode(imaged(camera).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
         self._core = o3d.core
         self._scene: Any = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
@@ -105,13 +105,6 @@ def smooth_normals(mesh: Mesh, smooth: csr_array) -> Floats32:
     for _ in range(NORMAL_ROUNDS):
         normals = smooth @ normals
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.float32(1e-6))
-
-
-def imaged(camera: Camera) -> Bools:
-    """(h, w) whether a pixel of undistorted images is one that the lens images, with all its neighbours."""
-    white = np.full((camera.height, camera.width, 3), 255, np.uint8)
-    seen = undistorter(camera)(Scan(white, np.zeros(white.shape[:2], np.float32))).color[..., 0]
-    return cv2.erode((seen == 255).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
 
 
 def edge_factor(hits: Hits) -> Floats32:
