@@ -88,13 +88,19 @@ def register(
 
 def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
     """All files of a run; the log before the report, which shows it; both tell of what the other files hold."""
+    from miniloop_cli.mapping.alone import map_of
+    from miniloop_cli.mapping.part import part_of
     from miniloop_cli.report.page import write_report
     from miniloop_cli.results.columns import load
     from miniloop_cli.results.log import write_log
+    from miniloop_cli.results.map_folder import write_map
     from miniloop_cli.results.write import write_results
 
     LOG.info("writing %s", target)
     write_results(run, target, workers, store)
+    if len(run.poses.registered):
+        part = part_of(run, run.settings.features.type)
+        write_map(target, map_of(part, run.settings.model_dump(), run.seed))
     data = load(target, run.sequence)
     write_log(run, data, problem)
     write_report(data, store)

@@ -146,6 +146,7 @@ def _registration(
         (*notes, *((certificate.note,) if certificate else ()), *doubts),
         tracked.status if tracked else None,
         certificate,
+        refined.velocity,
     )
 
 

@@ -60,8 +60,13 @@ class Between:
 
 @dataclass(frozen=True)
 class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found."""
+    """Poses, their covariances (n, 6, 6; NaN where there are none) and the timing that was found.
+
+    velocity (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None where
+    there is none to undo.
+    """
 
     poses: Poses
     covariance: Floats
     timing: Timing = field(default_factory=Timing)
+    velocity: Floats | None = None

@@ -152,8 +152,9 @@ def _bundle(
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
     feel = settings.motion and between is None
-    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
-    return _refined(result, poses, timing)
+    result, timing, motion = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
+    velocity = None if motion is None else np.concatenate(motion[::-1], axis=1)
+    return replace(_refined(result, poses, timing), velocity=velocity)
 
 
 def untied(measured: Measurements, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:

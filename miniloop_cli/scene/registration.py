@@ -36,6 +36,8 @@ class Registration:
     `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
     `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
     TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
+    `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None
+    without timing.
     """
 
     sequence: Sequence
@@ -51,6 +53,7 @@ class Registration:
     notes: tuple[Note, ...] = ()
     tracking: Ints | None = None
     certificate: Certificate | None = None
+    velocity: Floats | None = None
 
     @property
     def scan_frames(self) -> Ints:

@@ -49,7 +49,8 @@ def refine(
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between)
         timing_s = np.array([found.timing.readout_s, found.timing.lag_s])
         columns = {"T_world_cam": found.poses.T_world_cam, "component": found.poses.component}
-        return columns | {"covariance": found.covariance, "timing_s": timing_s}
+        columns |= {"covariance": found.covariance, "timing_s": timing_s}
+        return columns if found.velocity is None else columns | {"velocity": found.velocity}
 
     key = (
         scans.key,
@@ -64,4 +65,4 @@ def refine(
     )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
-    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing)
+    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing, kept.get("velocity"))
