@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 from miniloop_cli.errors import InputError, MiniloopError
 
 if TYPE_CHECKING:
-    from miniloop_cli.mapping.locate import Location
+    from miniloop_cli.mapping.location import Location
     from miniloop_cli.results.map import Map
 
 

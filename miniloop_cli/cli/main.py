@@ -32,6 +32,7 @@ COMMANDS = {
     "plot": "miniloop_cli.cli.plot:plot",
     "export": "miniloop_cli.cli.export:export",
     "mesh": "miniloop_cli.cli.mesh:mesh",
+    "add": "miniloop_cli.cli.add:add",
     "locate": "miniloop_cli.cli.locate:locate",
     "map": "miniloop_cli.cli.map:map_group",
     "inspect": "miniloop_cli.cli.inspect:inspect",

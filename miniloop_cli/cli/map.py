@@ -39,6 +39,28 @@ def info(folder: Path, json_path: str | None) -> None:
             click.echo(options.wrapped(line, " " * 12))
 
 
+@map_group.command(context_settings=CONTEXT, short_help="Take a recording out of a map.")
+@click.argument("folder", metavar="DIR", type=MAP)
+@click.argument("name", metavar="RECORDING")
+@options.jobs
+@options.json_file
+@options.quiet
+def remove(folder: Path, name: str, jobs: int, json_path: str | None, quiet: bool) -> None:
+    """Take RECORDING out of the map of the result in DIR, and its folder out of DIR.
+
+    \b
+    Example:   miniloop map remove office kitchen
+    """
+    from miniloop_cli import maps
+
+    numbers = maps.remove(folder, name, jobs=jobs, quiet=quiet)
+    if json_path:
+        options.write_json(json_path, numbers)
+    if not quiet and json_path != "-":
+        for line in describe(folder, numbers):
+            click.echo(options.wrapped(line, " " * 12))
+
+
 def describe(folder: Path, numbers: dict[str, Any]) -> list[str]:
     """The numbers as lines for people."""
     kilobytes = numbers["bytes"] / 1000 / max(numbers["keyframes"], 1)

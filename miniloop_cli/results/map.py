@@ -13,7 +13,8 @@ from miniloop_cli.config import Settings
 from miniloop_cli.datasets.single_images import guessed_camera
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.mapping.locate import Location, Locator
+from miniloop_cli.mapping.locate import Locator
+from miniloop_cli.mapping.location import Location
 from miniloop_cli.mapping.query import query_of
 from miniloop_cli.results.map_folder import MapError, read_map
 from miniloop_cli.scene.scene_map import SceneMap

@@ -108,6 +108,11 @@ def read_map(result: Path) -> SceneMap:
     raise MapError(f"{result}: the map changes faster than it can be read; try again")
 
 
+def manifest_hash(result: Path) -> str:
+    """The hash of the state that a map is in. Raises MapError as `read_manifest`."""
+    return _hash(read_manifest(result))
+
+
 def map_bytes(content: Mapping[str, Any]) -> int:
     """Size of all data files that a manifest names."""
     return int(content["joined"]["bytes"]) + sum(int(entry["bytes"]) for entry in content["recordings"])
