@@ -106,12 +106,12 @@ def add(
     MiniloopError where the recording is in the map, or cannot be registered; then the map is as it was.
     """
     from miniloop_cli.api import open_recording
-    from miniloop_cli.config import Settings
+    from miniloop_cli.results.map_folder import map_settings
 
     target = Path(result)
     store, workers = _tools(jobs, fresh, quiet)
     with _changing(target) as before:
-        settings = Settings.model_validate(dict(before.settings))
+        settings = map_settings(target, before)
         sequence = open_recording(folder, settings, layout, camera, max_frames, follow_links, topics)
         sequence = replace(sequence, name=_free_name(sequence.name, [part.name for part in before.parts]))
         _refuse_images(sequence, before.parts)
@@ -126,7 +126,7 @@ def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True)
 
     Returns what summary.json says. Raises MiniloopError for a name that is not in the map, or is its only recording.
     """
-    from miniloop_cli.config import Settings
+    from miniloop_cli.results.map_folder import map_settings
 
     target = Path(result)
     store, workers = _tools(jobs, False, quiet)
@@ -140,7 +140,7 @@ def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True)
         number = {old: new for new, old in enumerate(k for k in range(len(names)) if k != gone)}
         solved = {(number[a], number[b]): t for (a, b), t in before.joined.solved.items() if gone not in (a, b)}
         parts = [part for k, part in enumerate(before.parts) if k != gone]
-        settings = Settings.model_validate(dict(before.settings))
+        settings = map_settings(target, before)
         after = _joined(parts, settings, store, workers, before.seed, solved)
         return _write(target, after, [], store, workers, {})
 
@@ -196,6 +196,7 @@ def _write(
     """The map, then the files of the runs, in its world, then those of the whole."""
     from miniloop_cli.api import write_run
     from miniloop_cli.mapping.carry import map_trajectories
+    from miniloop_cli.report.map_page import write_map_page
     from miniloop_cli.results.map_files import write_map_files
     from miniloop_cli.results.map_folder import has_map, read_manifest, write_map
 
@@ -210,7 +211,9 @@ def _write(
                 poses = run.poses.T_world_cam.copy()
                 poses[part.frame] = T
                 write_run(replace(run, poses=replace(run.poses, T_world_cam=poses)), target / part.name, workers, store)
-    return write_map_files(target, scene_map, extra)
+    numbers = write_map_files(target, scene_map, extra)
+    write_map_page(target, scene_map, numbers)
+    return numbers
 
 
 def _make_room(target: Path, before: Many[str]) -> None:

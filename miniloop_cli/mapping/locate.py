@@ -103,13 +103,13 @@ class Locator:
         seen, _ = self.sightings(query, found, focal)
         for _ in range(2):
             fit = refined_pose(T, seen, self.common, with_focal=query.rough)
-            focal, T = focal / fit.focal, fit.T_world_cam
+            focal, T = focal * fit.focal, fit.T_world_cam
             guided = self._guided(query, T, piece, focal)
             if not guided:
                 return None
             seen, of_keyframe = self.sightings(query, guided, focal)
         fit = refined_pose(T, seen, self.common, with_focal=query.rough)
-        return _Candidate(fit, seen, of_keyframe, piece, focal / fit.focal, found)
+        return _Candidate(fit, seen, of_keyframe, piece, focal * fit.focal, found)
 
     def _guided(self, query: Query, T_world_cam: Floats, piece: int, focal: float) -> dict[int, Ints]:
         """Matches (k, 2) with the keyframes that see most of the same, where this pose says that they must be."""

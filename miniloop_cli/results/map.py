@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.mapping.locate import Locator
 from miniloop_cli.mapping.location import Location
 from miniloop_cli.mapping.query import query_of
-from miniloop_cli.results.map_folder import MapError, read_map
+from miniloop_cli.results.map_folder import map_settings, read_map
 from miniloop_cli.scene.scene_map import SceneMap
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bytes, Floats32
@@ -39,11 +39,7 @@ class Map:
         """The map of a results folder. Raises MapError where there is none, or it is damaged or of another version."""
         folder = Path(folder)
         content = read_map(folder)
-        try:
-            settings = Settings.model_validate(dict(content.settings))
-        except ValueError as error:
-            raise MapError(f"{folder}: the settings of the map are of another version of miniloop ({error})") from error
-        return Map(folder, content, settings, Locator.of(content))
+        return Map(folder, content, map_settings(folder, content), Locator.of(content))
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -91,4 +87,8 @@ class Map:
     def _located(self, color: Bytes, depth_m: Floats32 | None, camera: Camera, rough: bool) -> Location:
         timing = next((part.timing for part in self.content.parts if part.camera == camera), Timing())
         query = query_of(color, depth_m, camera, self.settings.features, self.settings.depth, rough, timing)
-        return self.locator.locate(query)
+        found = self.locator.locate(query)
+        if found.focal_px is None:
+            return found
+        # The query may be a smaller picture of the image.
+        return replace(found, focal_px=found.focal_px * color.shape[1] / query.camera.width)

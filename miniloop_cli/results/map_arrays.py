@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,8 +82,11 @@ def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> 
         strict=True,
     )
     views = tuple(View(*next(pictures)) if seen else None for seen in arrays["seen"])
+    name = str(header["name"])
+    if Path(name).name != name or name in ("", ".", ".."):
+        raise ValueError(f"'{name}' names no folder")
     return MapPart(
-        str(header["name"]),
+        name,
         str(header["source"]),
         str(header["layout"]),
         int(header["frames"]),

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.config import Settings
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.results.map_arrays import joined_arrays, joined_from, part_arrays, part_from, part_header
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -108,6 +109,15 @@ def read_map(result: Path) -> SceneMap:
     raise MapError(f"{result}: the map changes faster than it can be read; try again")
 
 
+def map_settings(result: Path, scene_map: SceneMap) -> Settings:
+    """The settings that a map was made with. Raises MapError where this miniloop does not know them."""
+    try:
+        return Settings.model_validate(dict(scene_map.settings))
+    except ValueError as error:
+        why = str(error).splitlines()[0]
+        raise MapError(f"{result}: the settings of the map are of another version of miniloop ({why})") from error
+
+
 def manifest_hash(result: Path) -> str:
     """The hash of the state that a map is in. Raises MapError as `read_manifest`."""
     return _hash(read_manifest(result))
@@ -149,6 +159,8 @@ def _write(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def _load(path: Path, entry: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    if path.name != entry["file"]:
+        raise MapError(f"{path} would lie outside of the map; register the recordings again")
     try:
         content = path.read_bytes()
     except OSError as error:

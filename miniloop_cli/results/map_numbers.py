@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.scene.scene_map import SceneMap
+from miniloop_cli.typing import Ints
 
 
 def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -16,8 +17,7 @@ def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> 
     sigma = np.sqrt(np.trace(joined.landmarks.covariances_m2, axis1=1, axis2=2))
     names = [part.name for part in scene_map.parts]
     of_part = np.repeat(np.arange(len(names)), np.diff(scene_map.first))
-    ends = np.sort(of_part[joined.edges.pairs], axis=1)
-    pairs, counts = np.unique(ends, axis=0, return_counts=True)
+    ends = of_part[joined.edges.pairs]  # sorted: keyframes are numbered by recordings
     return {
         "version": manifest["version"],
         "miniloop": manifest["miniloop"],
@@ -39,8 +39,11 @@ def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> 
             }
             for part, piece in zip(scene_map.parts, joined.piece, strict=True)
         ],
-        "joins": [
-            {"a": names[a], "b": names[b], "edges": int(count)}
-            for (a, b), count in zip(pairs.tolist(), counts, strict=True)
-        ],
+        "joins": [_join(joined.edges.pairs[(ends == pair).all(axis=1)], names, pair) for pair in np.unique(ends, axis=0)],
     }
+
+
+def _join(pairs: Ints, names: list[str], ends: Ints) -> dict[str, Any]:
+    """What joins two recordings: edges (m, 2) between keyframes, and how many keyframes of each take part."""
+    a, b = (len(np.unique(side)) for side in pairs.T)
+    return {"a": names[ends[0]], "b": names[ends[1]], "edges": len(pairs), "keyframes_a": a, "keyframes_b": b}

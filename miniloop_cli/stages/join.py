@@ -110,7 +110,9 @@ def solve_between(a: MapPart, b: MapPart, settings: Settings, run: Run) -> EdgeT
     matches = compare(pairs)
     near = {(i, j) for i, j in around(matches, len(scans)) if i < n <= j} - set(pairs)
     matches |= compare(sorted(near))
-    edges = solve_edges(matches, scans, settings.estimation, run)
+    # Every edge leads from one recording to the other, so that cycles have even lengths: odd ones are not looked for.
+    even = settings.cycles.model_copy(update={"longest": settings.cycles.longest // 2 * 2})
+    edges = solve_edges(matches, scans, settings.estimation._replace(cycles=even), run)
     return edges.subset(edges.open).inliers_only()
 
 

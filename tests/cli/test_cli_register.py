@@ -23,6 +23,7 @@ FILES = {
     "graph.g2o",
     "inliers.npz",
     "log.txt",
+    "map",
     "report.html",
     "summary.json",
     "trajectory.txt",

@@ -1,7 +1,10 @@
 """Maps on disk: whole, compact, checked, and never half of one and half of another."""
 
 import json
+import os
+import signal
 import sys
+import time
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,6 +16,9 @@ from map_scenes import small_map, small_part
 
 from miniloop_cli.results import map_folder
 from miniloop_cli.results.map_folder import MapError, manifest_hash, read_map, write_map
+
+
+KILLS = 30
 
 
 @pytest.fixture
@@ -109,6 +115,40 @@ def test_a_write_that_ends_half_way_leaves_the_map_as_it_was(written, monkeypatc
     write_map(written, other)
     assert read_map(written).parts[0].name == "kitchen"
     assert len(list((written / "map").iterdir())) == 3, "what no manifest names is removed"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_no_moment_to_be_killed_at_harms_the_map(written):
+    """SIGKILL at random moments of a write: the old map or the new one is there, whole."""
+    rng, maps = np.random.default_rng(0), {name: small_map(name, seed) for seed, name in enumerate(("hall", "kitchen"))}
+    seen = set()
+    for k in range(KILLS):
+        before = read_map(written).parts[0].name
+        after = "kitchen" if before == "hall" else "hall"
+        child = os.fork()
+        if child == 0:
+            write_map(written, maps[after])
+            os._exit(0)
+        time.sleep(rng.uniform(0, 0.03))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        now = read_map(written).parts[0].name
+        assert now in (before, after)
+        seen.add(now == after)
+    assert seen == {False, True}, "some were killed too early, and some too late"
+    write_map(written, maps["hall"])
+    assert len(list((written / "map").glob("*.npz"))) == 2
+
+
+def test_a_crafted_map_leads_nowhere_else(written):
+    path = written / "map" / "map.json"
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    for change in ({"name": "../.."}, {"file": "../../x.npz"}):
+        crafted = content | {"recordings": [content["recordings"][0] | change]}
+        path.write_text(json.dumps(crafted | {"sha256": map_folder._hash(crafted)}))
+        with pytest.raises(MapError, match=r"names no folder|outside of the map"):
+            read_map(written)
 
 
 def test_a_reader_never_sees_half_of_two_maps(written, monkeypatch):
