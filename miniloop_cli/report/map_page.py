@@ -24,7 +24,9 @@ def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any]
     """Write `report.html` into the folder of a map of several recordings; `numbers`: what its summary.json says."""
     numbered = [recording | {"number": k} for k, recording in enumerate(numbers["recordings"])]
     pieces = [[r for r in numbered if r["piece"] == piece] for piece in range(numbers["pieces"])]
-    joins = [(f"{j['a']} and {j['b']}", j["edges"], f"{j['keyframes_a']} and {j['keyframes_b']}") for j in numbers["joins"]]
+    joins = [
+        (f"{j['a']} and {j['b']}", j["edges"], f"{j['keyframes_a']} and {j['keyframes_b']}") for j in numbers["joins"]
+    ]
     page = render(
         "map.html",
         name=result.resolve().name,

@@ -39,7 +39,9 @@ def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> 
             }
             for part, piece in zip(scene_map.parts, joined.piece, strict=True)
         ],
-        "joins": [_join(joined.edges.pairs[(ends == pair).all(axis=1)], names, pair) for pair in np.unique(ends, axis=0)],
+        "joins": [
+            _join(joined.edges.pairs[(ends == pair).all(axis=1)], names, pair) for pair in np.unique(ends, axis=0)
+        ],
     }
 
 

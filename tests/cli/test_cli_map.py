@@ -141,7 +141,9 @@ def test_a_map_of_one_recording_takes_another(registered, recordings, tmp_path):
     done = launch("add", folder, recordings["elsewhere"], "-j", 1)
     assert done.returncode == 0, done.stderr
     assert "2, not joined to each other" in done.stdout
-    assert {"map", "room", "elsewhere", "summary.json", "cloud.ply", "report.html"} == {path.name for path in folder.iterdir()}
+    assert {"map", "room", "elsewhere", "summary.json", "cloud.ply", "report.html"} == {
+        path.name for path in folder.iterdir()
+    }
     assert (folder / "room" / "report.html").is_file()
     assert len(poses(folder / "room").timestamps_s) == 8
     done = launch("map", "remove", folder, "nowhere")

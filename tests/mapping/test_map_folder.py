@@ -3,20 +3,15 @@
 import json
 import os
 import signal
-import sys
 import time
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "mapping"))
 from map_scenes import small_map, small_part
 
 from miniloop_cli.results import map_folder
 from miniloop_cli.results.map_folder import MapError, manifest_hash, read_map, write_map
-
 
 KILLS = 30
 
@@ -122,7 +117,7 @@ def test_no_moment_to_be_killed_at_harms_the_map(written):
     """SIGKILL at random moments of a write: the old map or the new one is there, whole."""
     rng, maps = np.random.default_rng(0), {name: small_map(name, seed) for seed, name in enumerate(("hall", "kitchen"))}
     seen = set()
-    for k in range(KILLS):
+    for _ in range(KILLS):
         before = read_map(written).parts[0].name
         after = "kitchen" if before == "hall" else "hall"
         child = os.fork()
