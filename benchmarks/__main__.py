@@ -58,6 +58,34 @@ def inspection(sequences: tuple[Path, ...], seeds: int) -> None:
     show(sequences, seeds)
 
 
+@benchmarks.command(name="locate", context_settings=CONTEXT, short_help="Left-out images found in a map; a table.")
+@click.argument("sequence", type=FOLDER)
+@click.option("--every", type=click.IntRange(min=2), default=5, show_default=True, help="Frames are left out so often.")
+@click.option("--other", "others", type=FOLDER, multiple=True, help="A recording of another place; may be repeated.")
+def located(sequence: Path, every: int, others: tuple[Path, ...]) -> None:
+    """Frames of a whole recording looked for in the map of its other frames, against the map's own poses.
+
+    \b
+    Example:   python -m benchmarks locate path/to/freiburg1_desk --other path/to/another_room
+    """
+    from benchmarks.maps import show_located
+
+    show_located(sequence, every, others)
+
+
+@benchmarks.command(name="join", context_settings=CONTEXT, short_help="Recordings joined to one map; a table.")
+@SEQUENCES
+def joined(sequences: tuple[Path, ...]) -> None:
+    """Recordings whose ground truths have one frame, joined: errors aligned alone and together.
+
+    \b
+    Example:   python -m benchmarks join path/to/freiburg1_xyz_100 path/to/freiburg1_desk_100
+    """
+    from benchmarks.maps import show_joined
+
+    show_joined(sequences)
+
+
 @benchmarks.command(name="color-icp", context_settings=CONTEXT, short_help="Poses before and after colour ICP.")
 @click.argument("result", type=FOLDER)
 @click.argument("sequence", type=FOLDER)

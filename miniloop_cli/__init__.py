@@ -14,11 +14,16 @@ from miniloop_cli.version import __version__
 
 if TYPE_CHECKING:
     from miniloop_cli.api import evaluate, register, simulate
+    from miniloop_cli.results.map import Map
 
-__all__ = ["__version__", "evaluate", "register", "simulate"]
+__all__ = ["Map", "__version__", "evaluate", "register", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "Map":
+        from miniloop_cli.results.map import Map
+
+        return Map
     if name in __all__:
         from miniloop_cli import api
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
     from miniloop_cli.scene.registration import Registration
+    from miniloop_cli.scene.sequence import Sequence
 
 LOG = logging.getLogger("miniloop")
 
@@ -50,11 +51,13 @@ def register(
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
     Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
     """
-    from miniloop_cli.datasets import open_sequence
     from miniloop_cli.datasets.priors import read_priors
+    from miniloop_cli.mapping.alone import map_of
+    from miniloop_cli.mapping.part import part_of
     from miniloop_cli.pipeline import register as run_pipeline
     from miniloop_cli.pipeline import tell
     from miniloop_cli.presets import load_settings
+    from miniloop_cli.results.map_folder import write_map
     from miniloop_cli.runtime.artifact_store import Store, default_folder
     from miniloop_cli.runtime.dask_cluster import connected
     from miniloop_cli.runtime.folder_lock import exclusive
@@ -63,12 +66,7 @@ def register(
 
     if isinstance(settings, (str, Path)):
         settings = load_settings(settings, tuple(overrides))
-    least = settings.depth.min_confidence
-    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
-    LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
-    LOG.info("camera: %s", sequence.camera.source)
-    alone = sequence.color_only
-    tell(note for note in sequence.notes if not alone or note != alone.left_out)
+    sequence = open_recording(folder, settings, layout, camera, max_frames, follow_links, topics)
     priors = read_priors(sequence, gravity, pose_prior)
     tell(priors.notes)
     target = Path(output) if output else Path("results") / sequence.name
@@ -80,13 +78,36 @@ def register(
         except RegistrationError as error:
             if error.run is None:
                 raise
-            _write(error.run, target, workers, store, str(error))
+            write_run(error.run, target, workers, store, str(error))
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
-        _write(run, target, workers, store)
+        write_run(run, target, workers, store)
+        write_map(target, map_of(part_of(run, settings.features.type), settings.model_dump(), seed))
     return run
 
 
-def _write(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
+def open_recording(
+    folder: Path | str,
+    settings: Settings,
+    layout: str | None = None,
+    camera: Path | str | None = None,
+    max_frames: int | None = None,
+    follow_links: bool = False,
+    topics: str = "",
+) -> Sequence:
+    """A recording, with what was dropped, assumed or converted told. Raises InputError as `open_sequence`."""
+    from miniloop_cli.datasets import open_sequence
+    from miniloop_cli.pipeline import tell
+
+    least = settings.depth.min_confidence
+    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
+    LOG.info("%s: layout %s, %d frames", sequence.root, sequence.layout, len(sequence.frames))
+    LOG.info("camera: %s", sequence.camera.source)
+    alone = sequence.color_only
+    tell(note for note in sequence.notes if not alone or note != alone.left_out)
+    return sequence
+
+
+def write_run(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
     """All files of a run; the log before the report, which shows it; both tell of what the other files hold."""
     from miniloop_cli.report.page import write_report
     from miniloop_cli.results.columns import load

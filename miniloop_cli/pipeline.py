@@ -149,6 +149,7 @@ def _registration(
         certificate,
         leveled,
         refined.landmarks,
+        refined.velocity,
     )
 
 

@@ -21,7 +21,7 @@ MOST_REASONS = 8  # that the summary shows
 
 
 @click.command(context_settings=CONTEXT, short_help="Poses and one model from a recording.")
-@click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
+@click.argument("sequences", metavar="SEQ...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @options.output_dir("results/<name of SEQ>")
 @click.option(
     "--config",
@@ -83,7 +83,7 @@ MOST_REASONS = 8  # that the summary shows
 @options.quiet
 @options.verbose
 def register(
-    sequence: Path,
+    sequences: tuple[Path, ...],
     output: Path | None,
     config: str,
     features: str | None,
@@ -108,9 +108,12 @@ def register(
 ) -> None:
     """Register the scans of SEQ: poses of all frames, one model, and the evidence for them.
 
+    Several recordings become one map, in which each has a folder of its own; -o names it.
+
     \b
     Example:   miniloop register rgbd_dataset_freiburg1_xyz
                miniloop eval --gt rgbd_dataset_freiburg1_xyz
+               miniloop register kitchen hall -o office
     """
     from miniloop_cli.api import register as run_register
     from miniloop_cli.results.folder import Results
@@ -131,8 +134,25 @@ def register(
         overrides = (f"matching.pairs={pairs}", *overrides)
     if jobs != 1:
         compile_in_background()
+    if len(sequences) > 1:
+        single = {
+            "--gravity": gravity,
+            "--pose-prior": pose_prior or init,
+            "--cluster": cluster,
+            "--rerun": recording_path,
+        }
+        if given := [name for name, value in single.items() if value]:
+            raise click.UsageError(f"{given[0]} is for one recording; {len(sequences)} are given")
+        if output is None:
+            raise click.UsageError(f"{len(sequences)} recordings become one map: say where, with -o DIR")
+        chosen = {"settings": config, "overrides": overrides, "layout": layout, "topics": topics, "camera": camera}
+        _register_many(
+            sequences, output, json_path, strict, quiet,
+            follow_links=follow_links, max_frames=max_frames, jobs=jobs, seed=seed, fresh=fresh, **chosen,
+        )  # fmt: skip
+        return
     run = run_register(
-        sequence,
+        sequences[0],
         output,
         settings=config,
         overrides=overrides,
@@ -162,6 +182,24 @@ def register(
     verdict = numbers["verdict"]
     if strict and verdict["level"] != "good":
         raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
+
+
+def _register_many(
+    sequences: tuple[Path, ...], output: Path, json_path: str | None, strict: bool, quiet: bool, **chosen: Any
+) -> None:
+    """Several recordings, to one map."""
+    from miniloop_cli.cli.map import describe
+    from miniloop_cli.maps import register_many
+
+    numbers = register_many(sequences, output, quiet=quiet, **chosen)
+    if json_path:
+        options.write_json(json_path, numbers)
+    if not quiet and json_path != "-":
+        for line in describe(output, numbers):
+            click.echo(options.wrapped(line, " " * 12))
+    if strict and (numbers["pieces"] > 1 or numbers["failed"]):
+        apart = [*numbers["failed"], *(r["name"] for r in numbers["recordings"] if r["piece"])]
+        raise MiniloopError(f"not all recordings hang together: {', '.join(apart)} (see {output})")
 
 
 def _followed_words(numbers: dict[str, Any]) -> str:

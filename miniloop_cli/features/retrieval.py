@@ -21,21 +21,36 @@ FAISS_FROM = 10_000  # images from which faiss is faster than a matrix product
 
 def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats32:
     """(n, WORDS * d) unit vectors of n images from their (k, d) compact descriptors; zero for images without any."""
-    from scipy.cluster.vq import kmeans2, vq
+    return described(descriptors, vocabulary(descriptors, rng))
 
-    strongest = [found[:DESCRIBED_FEATURES].astype(np.float32) for found in descriptors]
-    width = max((found.shape[1] for found in strongest if len(found)), default=1)
-    vectors = np.zeros((len(strongest), WORDS, width), np.float32)
-    everything = np.concatenate([np.zeros((0, width), np.float32), *(found for found in strongest if len(found))])
+
+def vocabulary(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats32:
+    """(WORDS, d) words learnt from the (k, d) compact descriptors of images; (0, d) where these have too few."""
+    from scipy.cluster.vq import kmeans2
+
+    strongest = [found[:DESCRIBED_FEATURES].astype(np.float32) for found in descriptors if len(found)]
+    width = max((found.shape[1] for found in strongest), default=1)
+    everything = np.concatenate([np.zeros((0, width), np.float32), *strongest])
     if len(everything) < WORDS:
-        return vectors.reshape(len(strongest), -1)
+        return np.zeros((0, width), np.float32)
     sample = everything[rng.permutation(len(everything))[:TRAINING_DESCRIPTORS]]
-    words, _ = kmeans2(sample, WORDS, iter=10, minit="++", rng=rng)
-    for vector, found in zip(vectors, strongest, strict=True):
-        if len(found):
-            nearest, _ = vq(found, words)
-            np.add.at(vector, nearest, found - words[nearest])
-    flat = vectors.reshape(len(strongest), -1)
+    return kmeans2(sample, WORDS, iter=10, minit="++", rng=rng)[0]
+
+
+def described(descriptors: Sequence[Bytes], words: Floats32) -> Floats32:
+    """(n, WORDS * d) unit vectors of n images from their (k, d) compact descriptors, over the words (WORDS, d).
+
+    Zero for images without any descriptors, and where there are no words.
+    """
+    from scipy.cluster.vq import vq
+
+    vectors = np.zeros((len(descriptors), WORDS, words.shape[1]), np.float32)
+    for vector, found in zip(vectors, descriptors, strict=True):
+        if len(found) and len(words):
+            strongest = found[:DESCRIBED_FEATURES].astype(np.float32)
+            nearest, _ = vq(strongest, words)
+            np.add.at(vector, nearest, strongest - words[nearest])
+    flat = vectors.reshape(len(vectors), -1)
     flat = np.sign(flat) * np.sqrt(np.abs(flat))
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
 

@@ -61,9 +61,14 @@ class Between:
 
 @dataclass(frozen=True)
 class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none), the timing and the landmarks that were found."""
+    """Poses, their covariances (n, 6, 6; NaN where there are none), the timing and the landmarks that were found.
+
+    velocity (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None where
+    there is none to undo.
+    """
 
     poses: Poses
     covariance: Floats
     timing: Timing = field(default_factory=Timing)
     landmarks: Landmarks = NO_LANDMARKS
+    velocity: Floats | None = None

@@ -154,8 +154,9 @@ def _bundle(
         timing, T = calibrate(T, tracked, moving, rough, jobs)
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
     feel = settings.motion and between is None
-    result, timing = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
-    return replace(_refined(result, poses, timing), landmarks=landmarks_of(result, tracked))
+    result, timing, motion = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
+    velocity = None if motion is None else np.concatenate(motion[::-1], axis=1)
+    return replace(_refined(result, poses, timing), landmarks=landmarks_of(result, tracked), velocity=velocity)
 
 
 def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:

@@ -88,8 +88,8 @@ def adjust_upright(
 def adjust_moving(
     T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
-) -> tuple[BundleResult, Timing]:  # fmt: skip
-    """Bundle adjustment with the timing undone, and the timing that was.
+) -> tuple[BundleResult, Timing, Twists | None]:  # fmt: skip
+    """Bundle adjustment with the timing undone, the timing that was, and the motion within frames that undid it.
 
     The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
     frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
@@ -97,22 +97,24 @@ def adjust_moving(
     result is taken if it explains the measurements better by more than MIN_VELOCITY_GAIN.
     """
     if timing != NO_TIMING:
-        return _undone(T, measured, moving, timing, rough, fine, jobs, feel), timing
+        result, motion = _undone(T, measured, moving, timing, rough, fine, jobs, feel)
+        return result, timing, motion
     even = replace(rough, relative_tolerance=fine.relative_tolerance)
     plain = adjust(T, measured, moving.camera, even, jobs, pose_terms=moving.terms)
     T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
     if feel and on_path.sum() <= moving.known.sum() / 2:
         images_only = replace(moving, accelerometer=None)
-        felt = _undone(T, measured, images_only, ASSUMED, rough, even, jobs, True)
+        felt, _ = _undone(T, measured, images_only, ASSUMED, rough, even, jobs, True)
         if felt.descent.cost_after < (1 - MIN_VELOCITY_GAIN) * plain.descent.cost_after:
-            return _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True), ASSUMED
-    return adjust_upright(T, measured, moving, fine, jobs, points=points), timing
+            result, motion = _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True)
+            return result, ASSUMED, motion
+    return adjust_upright(T, measured, moving, fine, jobs, points=points), timing, None
 
 
 def _undone(
     T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool,
-) -> BundleResult:  # fmt: skip
+) -> tuple[BundleResult, Twists]:  # fmt: skip
     motion = moving.path_twists(T)
     px, z_m = corrected(measured, moving.flow(measured, T, motion), timing, moving.camera)
     points, unsure = None, np.zeros((len(T), 6, 6))
@@ -123,10 +125,9 @@ def _undone(
         px, z_m = corrected(measured, moving.flow(measured, T, motion, points), timing, moving.camera)
     result = adjust_upright(T, measured, moving, fine, jobs, px, z_m, points)
     if result.covariance is None:
-        return result
-    return replace(
-        result, covariance=with_own_errors(result.covariance, result.T_world_cam, unsure, result.fixed_frame)
-    )
+        return result, motion
+    covariance = with_own_errors(result.covariance, result.T_world_cam, unsure, result.fixed_frame)
+    return replace(result, covariance=covariance), motion
 
 
 def calibrate(

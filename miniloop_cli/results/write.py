@@ -40,7 +40,7 @@ CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = (
     *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),
-    *("summary.json", "log.txt", "report.html"),
+    *("summary.json", "log.txt", "report.html", "map/map.json"),
 )
 
 

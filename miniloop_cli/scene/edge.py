@@ -195,6 +195,11 @@ class EdgeTable:
         start = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.match_count[rows])])
         return replace(self, **columns, start=start, matches=self.matches[kept], inliers=self.inliers[kept])
 
+    def inliers_only(self) -> EdgeTable:
+        """The table without the matches that are no inliers."""
+        kept = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start]
+        return replace(self, start=kept, matches=self.matches[self.inliers], inliers=self.inliers[self.inliers])
+
     def replaced(self, edges: Sequence[Edge]) -> EdgeTable:
         """The table with these edges in place of those of the same pairs, or added to it."""
         return EdgeTable.of(list({edge.pair: edge for edge in (*self.edges(), *edges)}.values()))

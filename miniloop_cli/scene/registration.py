@@ -39,6 +39,8 @@ class Registration:
     TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
     `leveled`: gravity turned the world so that z is up.
     `landmarks`: points of the bundle adjustment; none where there was no such adjustment.
+    `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None
+    without timing.
     """
 
     sequence: Sequence
@@ -56,6 +58,7 @@ class Registration:
     certificate: Certificate | None = None
     leveled: bool = False
     landmarks: Landmarks = NO_LANDMARKS
+    velocity: Floats | None = None
 
     @property
     def scan_frames(self) -> Ints:

@@ -49,7 +49,7 @@ def refine(
 
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between)
         seen = found.landmarks
-        return {
+        columns = {
             "T_world_cam": found.poses.T_world_cam,
             "component": found.poses.component,
             "covariance": found.covariance,
@@ -59,6 +59,7 @@ def refine(
             "frame": seen.frame,
             "px": seen.px,
         }
+        return columns if found.velocity is None else columns | {"velocity": found.velocity}
 
     key = (
         scans.key,
@@ -74,4 +75,5 @@ def refine(
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
     landmarks = Landmarks(*(kept[name] for name in ("points", "point", "frame", "px")))
-    return Refined(Poses(kept["T_world_cam"], kept["component"]), kept["covariance"], timing, landmarks)
+    poses = Poses(kept["T_world_cam"], kept["component"])
+    return Refined(poses, kept["covariance"], timing, landmarks, kept.get("velocity"))

@@ -24,6 +24,7 @@ FILES = {
     "inliers.npz",
     "landmarks.npz",
     "log.txt",
+    "map",
     "report.html",
     "summary.json",
     "trajectory.txt",

@@ -276,7 +276,7 @@ def test_poses_are_as_uncertain_as_their_motion_makes_them():
     timing, rough = Timing(0.025, -0.016), BundleSettings(relative_tolerance=1e-3, covariance=False)
     for seed in range(3):
         measured, _ = recording(0.025, -0.016, np.random.default_rng(seed), path=trembling)
-        run, _ = adjust_moving(truth, measured, moving, timing, rough, SHARP, 1)
+        run, *_ = adjust_moving(truth, measured, moving, timing, rough, SHARP, 1)
         errors.append(normalised_errors(run.T_world_cam, truth, run.covariance))
         undone = corrected(measured, moving.flow(measured, truth, velocities(trembling)), timing, CAMERA)
         known = adjust(run.T_world_cam, measured, CAMERA, SHARP, 1, *undone)
@@ -311,7 +311,7 @@ def test_frames_too_far_apart_for_a_path_still_tell_their_motion(readout_s, gain
     timing, _ = calibrate(truth, measured, moving, rough, 1)
     assert timing == NO_TIMING, "a minute apart, no path tells of it"
     plain = adjust(truth, measured, CAMERA, rough, 1)
-    result, used = adjust_moving(truth, measured, moving, timing, rough, rough, 1)
+    result, used, _ = adjust_moving(truth, measured, moving, timing, rough, rough, 1)
     assert used == (ASSUMED if gains else NO_TIMING)
 
     def error_mm(found):

@@ -30,6 +30,7 @@ MADE_BY = {
     artifacts.GUIDED: "stages/guided_matching.py",
     artifacts.REFINED: "stages/refine.py",
     artifacts.SECOND_MODES: "stages/doubt.py",
+    artifacts.JOINED: "stages/join.py",
     CLOUD: "results/write.py",
     PICTURES: "report/cached_images.py",
 }

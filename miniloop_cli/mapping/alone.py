@@ -1,0 +1,34 @@
+"""The map of one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from miniloop_cli.mapping.landmarks import landmarks
+from miniloop_cli.mapping.retrieval import index
+from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.points import scan_points
+from miniloop_cli.scene.scene_map import Joined, Landmarks, MapPart, SceneMap
+from miniloop_cli.typing import Floats, Ints
+
+
+def map_of(part: MapPart, settings: Mapping[str, Any], seed: int) -> SceneMap:
+    """The map of a recording by itself, in its own world."""
+    T, covariance = part.T_world_key, part.covariance[part.keyframe]
+    seen = landmarks_of([part], T, EdgeTable.of([]))
+    found = index(part.features, part.feature_type, len(part))
+    joined = Joined(T, covariance, np.zeros(1, np.int64), {}, EdgeTable.of([]), seen, found)
+    return SceneMap((part,), joined, settings, seed)
+
+
+def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> Landmarks:
+    """Points that keyframes of these recordings saw, at the poses (K, 4, 4) of all; `between`: edges that join them."""
+    points = [scan_points(features, part.camera) for part in parts for features in part.features]
+    first = np.cumsum([0, *(len(part) for part in parts)])
+    pairs = [part.edges.pairs + start for part, start in zip(parts, first, strict=False)]
+    tables = [*(part.edges for part in parts), between]
+    matches: list[Ints] = [table.inlier_rows(e) for table in tables for e in range(len(table))]
+    return landmarks(points, T_world_cam, np.concatenate([*pairs, between.pairs]), matches)

@@ -1,0 +1,61 @@
+"""Points of a map: what several keyframes saw of one place, fused with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from miniloop_cli.refinement.tracks import build_tracks
+from miniloop_cli.scene.points import ScanPoints
+from miniloop_cli.scene.scene_map import Landmarks
+from miniloop_cli.typing import Floats, Ints
+
+MAX_CHI2 = 16.0  # of an observation against the others of its point
+POSE_SIGMA_M = 0.002  # by which poses place the same point differently, however often it was seen
+
+
+def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, matches: Sequence[Ints]) -> Landmarks:
+    """Points seen by two keyframes and more, from the matches (k, 2) of each pair (m, 2) of keyframes.
+
+    points: of each keyframe its features in space; T_world_cam (n, 4, 4). A point is the mean of what its keyframes
+    saw, each weighted by the inverse of its covariance. An observation that is off by more than MAX_CHI2 is left out.
+    """
+    offsets = np.cumsum([0, *(len(scan.points_m) for scan in points)])
+    tracks = build_tracks(offsets, pairs, matches)
+    of_feature = np.full(int(offsets[-1]), -1)
+    if not tracks.count:
+        return Landmarks(np.zeros((0, 3)), np.zeros((0, 3, 3)), of_feature)
+    row = offsets[tracks.frame] + tracks.feature
+    T = T_world_cam[tracks.frame]
+    p_cam = np.concatenate([scan.points_m for scan in points])[row]
+    C_cam = np.concatenate([scan.covariances_m2 for scan in points])[row]
+    p_world = np.einsum("kij,kj->ki", T[:, :3, :3], p_cam) + T[:, :3, 3]
+    C_world = T[:, :3, :3] @ C_cam @ np.swapaxes(T[:, :3, :3], 1, 2) + POSE_SIGMA_M**2 * np.eye(3)
+    information = np.linalg.inv(C_world)
+    agreeing = np.ones(len(row), bool)
+    for _ in range(2):
+        mean, covariance = fused(p_world, information, np.where(agreeing, tracks.track, tracks.count), tracks.count)
+        off = p_world - mean[tracks.track]
+        agreeing = np.einsum("ki,kij,kj->k", off, information, off) < MAX_CHI2
+    seen = np.bincount(tracks.track[agreeing], minlength=tracks.count)
+    good = np.flatnonzero(seen >= 2)
+    number = np.full(tracks.count, -1)
+    number[good] = np.arange(len(good))
+    of_feature[row[agreeing]] = number[tracks.track[agreeing]]
+    return Landmarks(mean[good], covariance[good] + POSE_SIGMA_M**2 * np.eye(3), of_feature)
+
+
+def fused(points: Floats, information: Floats, group: Ints, count: int) -> tuple[Floats, Floats]:
+    """Means (count, 3) and covariances (count, 3, 3) of points (k, 3) with information (k, 3, 3), group by group.
+
+    group (k,): numbers below `count`; others are left out. A group without points has its mean at 0.
+    """
+    total: Floats = np.zeros((count + 1, 3, 3))
+    weighted: Floats = np.zeros((count + 1, 3))
+    group = np.minimum(group, count)
+    np.add.at(total, group, information)
+    np.add.at(weighted, group, np.einsum("kij,kj->ki", information, points))
+    total[~total.any(axis=(1, 2))] = np.eye(3)
+    covariance = np.asarray(np.linalg.inv(total[:count]), float)
+    return np.einsum("kij,kj->ki", covariance, weighted[:count]), covariance

@@ -1,0 +1,31 @@
+"""Finding keyframes of a map that look like an image: VLAD vectors over a vocabulary that the map carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from miniloop_cli.features.detect import compact
+from miniloop_cli.features.retrieval import DESCRIBED_FEATURES, described, vocabulary
+from miniloop_cli.scene.features import ScanFeatures
+from miniloop_cli.scene.scene_map import Retrieval
+from miniloop_cli.typing import Bytes, Floats32, Ints
+
+
+def small(descriptors: NDArray, feature_type: str) -> Bytes:
+    """The strongest descriptors of an image, as vocabularies take them."""
+    return compact(descriptors[:DESCRIBED_FEATURES], feature_type)[0]
+
+
+def index(keyframes: Sequence[ScanFeatures], feature_type: str, learnt_from: int) -> Retrieval:
+    """The index of keyframes; the vocabulary is learnt from the first `learnt_from` of them."""
+    descriptors = [small(features.descriptors, feature_type) for features in keyframes]
+    words = vocabulary(descriptors[:learnt_from], np.random.default_rng(0))
+    return Retrieval(words, described(descriptors, words))
+
+
+def most_similar(vectors: Floats32, query: Floats32, most: int) -> Ints:
+    """Numbers of the `most` vectors (K, d) that are most alike to one (d,), the most similar first."""
+    return np.argsort(-(vectors @ query), kind="stable")[:most]

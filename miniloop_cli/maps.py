@@ -1,0 +1,262 @@
+"""Maps of several recordings: register many together, add one, take one out. Each leaves the folder whole.
+
+The map itself changes in one step (results/map_folder.py). The files beside it follow from it; where a process was
+killed before it had written them, the next one that changes the map writes them first.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as Many
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from miniloop_cli.errors import InputError, MiniloopError
+
+if TYPE_CHECKING:
+    from miniloop_cli.config import Settings
+    from miniloop_cli.runtime.artifact_store import Store
+    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.registration import Registration
+    from miniloop_cli.scene.scene_map import MapPart, SceneMap
+    from miniloop_cli.scene.sequence import Sequence
+
+LOG = logging.getLogger("miniloop")
+SAME_IMAGES = 0.5  # share of keyframes with images of another recording from which on it is the same one
+OF_SINGLE = (  # what a run of one recording writes, its trajectory last
+    *("edges.csv", "frames.csv", "graph.g2o", "inliers.npz", "log.txt", "camera.yaml", "config.yaml", "report.html"),
+    *("summary.json", "cloud.ply", "trajectory.txt"),
+)
+
+
+def register_many(
+    folders: Many[Path | str],
+    output: Path | str,
+    *,
+    settings: Settings | Path | str = "default",
+    overrides: Many[str] = (),
+    layout: str | None = None,
+    topics: str = "",
+    follow_links: bool = False,
+    camera: Path | str | None = None,
+    max_frames: int | None = None,
+    jobs: int = -1,
+    seed: int = 0,
+    fresh: bool = False,
+    quiet: bool = True,
+) -> dict[str, Any]:
+    """Register recordings together: one map in `output`, each recording's files in a folder of its name there.
+
+    The arguments are those of `register`, and hold for each recording. Returns what summary.json says. A recording that
+    cannot be registered is named in "failed" and left out. Raises MiniloopError where none can be.
+    """
+    from miniloop_cli.api import open_recording
+    from miniloop_cli.presets import load_settings
+    from miniloop_cli.runtime.folder_lock import exclusive
+    from miniloop_cli.scene.registration import RegistrationError
+
+    if not isinstance(settings, (str, Path)):
+        chosen = settings
+    else:
+        chosen = load_settings(settings, tuple(overrides))
+    target = Path(output)
+    store, workers = _tools(jobs, fresh, quiet)
+    with exclusive(target):
+        runs: list[Registration] = []
+        parts: list[MapPart] = []
+        failed: dict[str, str] = {}
+        for folder in folders:
+            sequence = open_recording(folder, chosen, layout, camera, max_frames, follow_links, topics)
+            sequence = replace(sequence, name=_free_name(sequence.name, [part.name for part in parts]))
+            try:
+                run, part = _registered(sequence, chosen, store, workers, seed)
+            except RegistrationError as error:
+                failed[sequence.name] = str(error)
+                LOG.warning("%s is left out: %s", folder, error)
+                continue
+            _refuse_known(part, parts)
+            runs.append(run)
+            parts.append(part)
+        if not parts:
+            raise MiniloopError(f"no recording could be registered: {'; '.join(failed.values())}")
+        joined = _joined(parts, chosen, store, workers, seed, {})
+        return _write(target, joined, runs, store, workers, {"failed": failed})
+
+
+def add(
+    result: Path | str,
+    folder: Path | str,
+    *,
+    layout: str | None = None,
+    topics: str = "",
+    follow_links: bool = False,
+    camera: Path | str | None = None,
+    max_frames: int | None = None,
+    jobs: int = -1,
+    fresh: bool = False,
+    quiet: bool = True,
+) -> dict[str, Any]:
+    """Add a recording to the map of a result, with the settings and the seed that the map was made with.
+
+    The result is that of registering all of its recordings together. Returns what summary.json says. Raises
+    MiniloopError where the recording is in the map, or cannot be registered; then the map is as it was.
+    """
+    from miniloop_cli.api import open_recording
+    from miniloop_cli.results.map_folder import map_settings
+
+    target = Path(result)
+    store, workers = _tools(jobs, fresh, quiet)
+    with _changing(target) as before:
+        settings = map_settings(target, before)
+        sequence = open_recording(folder, settings, layout, camera, max_frames, follow_links, topics)
+        sequence = replace(sequence, name=_free_name(sequence.name, [part.name for part in before.parts]))
+        _refuse_images(sequence, before.parts)
+        run, part = _registered(sequence, settings, store, workers, before.seed)
+        _refuse_known(part, before.parts)
+        after = _joined([*before.parts, part], settings, store, workers, before.seed, before.joined.solved)
+        return _write(target, after, [run], store, workers, {})
+
+
+def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True) -> dict[str, Any]:
+    """Take a recording out of the map of a result; the others lie as if they had been registered without it.
+
+    Returns what summary.json says. Raises MiniloopError for a name that is not in the map, or is its only recording.
+    """
+    from miniloop_cli.results.map_folder import map_settings
+
+    target = Path(result)
+    store, workers = _tools(jobs, False, quiet)
+    with _changing(target) as before:
+        names = [part.name for part in before.parts]
+        if name not in names:
+            raise InputError(f"{target} has no recording '{name}'; it has {', '.join(names)}")
+        if len(names) == 1:
+            raise InputError(f"'{name}' is the only recording of {target}: remove the folder instead")
+        gone = names.index(name)
+        number = {old: new for new, old in enumerate(k for k in range(len(names)) if k != gone)}
+        solved = {(number[a], number[b]): t for (a, b), t in before.joined.solved.items() if gone not in (a, b)}
+        parts = [part for k, part in enumerate(before.parts) if k != gone]
+        settings = map_settings(target, before)
+        after = _joined(parts, settings, store, workers, before.seed, solved)
+        return _write(target, after, [], store, workers, {})
+
+
+@contextmanager
+def _changing(target: Path) -> Iterator[SceneMap]:
+    """The map of a folder that no other process changes meanwhile, with all files beside it in order."""
+    from miniloop_cli.results.map_files import up_to_date, write_map_files
+    from miniloop_cli.results.map_folder import read_manifest, read_map
+    from miniloop_cli.runtime.folder_lock import exclusive
+
+    read_manifest(target)  # a folder without a map is not even locked
+    with exclusive(target):
+        before = read_map(target)
+        if len(before.parts) > 1 and not up_to_date(target):
+            LOG.warning(
+                "%s: an earlier run was interrupted after it had changed the map; its files are written now", target
+            )
+            write_map_files(target, before, {})
+        yield before
+
+
+def _registered(
+    sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int
+) -> tuple[Registration, MapPart]:
+    """A recording registered by itself, and what the map keeps of it: exactly what reading it back would give."""
+    from miniloop_cli.mapping.part import part_of
+    from miniloop_cli.pipeline import register
+    from miniloop_cli.results.map_arrays import part_arrays, part_from, part_header
+
+    run = register(sequence, settings, store, workers, seed)
+    part = part_of(run, settings.features.type)
+    return run, part_from(part_header(part), part_arrays(part))
+
+
+def _joined(
+    parts: Many[MapPart], settings: Settings, store: Store, workers: Workers, seed: int, solved: Mapping[Any, Any]
+) -> SceneMap:
+    from miniloop_cli.mapping.alone import map_of
+    from miniloop_cli.runtime.parallel import single_inner_threads
+    from miniloop_cli.stages.join import join
+    from miniloop_cli.stages.run import Run
+
+    if len(parts) == 1:
+        return map_of(parts[0], settings.model_dump(), seed)
+    with single_inner_threads():
+        return join(parts, settings, Run(store, workers, seed), solved)
+
+
+def _write(
+    target: Path, scene_map: SceneMap, runs: Many[Registration], store: Store, workers: Workers, extra: dict[str, Any]
+) -> dict[str, Any]:
+    """The map, then the files of the runs, in its world, then those of the whole."""
+    from miniloop_cli.api import write_run
+    from miniloop_cli.mapping.carry import map_trajectories
+    from miniloop_cli.report.map_page import write_map_page
+    from miniloop_cli.results.map_files import write_map_files
+    from miniloop_cli.results.map_folder import has_map, read_manifest, write_map
+
+    before = [str(entry["name"]) for entry in read_manifest(target)["recordings"]] if has_map(target) else []
+    write_map(target, scene_map)
+    _make_room(target, before)
+    for name in set(before) - {part.name for part in scene_map.parts}:
+        shutil.rmtree(target / name, ignore_errors=True)
+    for part, T in zip(scene_map.parts, map_trajectories(scene_map), strict=True):
+        for run in runs:
+            if run.sequence.name == part.name:
+                poses = run.poses.T_world_cam.copy()
+                poses[part.frame] = T
+                write_run(replace(run, poses=replace(run.poses, T_world_cam=poses)), target / part.name, workers, store)
+    numbers = write_map_files(target, scene_map, extra)
+    write_map_page(target, scene_map, numbers)
+    return numbers
+
+
+def _make_room(target: Path, before: Many[str]) -> None:
+    """Move what a run of one recording left at the top into the folder of the recording."""
+    if not (target / "trajectory.txt").is_file():
+        return
+    folder = target / before[0] if before else None
+    for path in (target / name for name in OF_SINGLE):
+        if folder and path.is_file():
+            folder.mkdir(exist_ok=True)
+            path.replace(folder / path.name)
+        path.unlink(missing_ok=True)
+
+
+def _tools(jobs: int, fresh: bool, quiet: bool) -> tuple[Store, Workers]:
+    from miniloop_cli.runtime.artifact_store import Store, default_folder
+    from miniloop_cli.runtime.parallel import Workers
+
+    return Store(default_folder(), fresh), Workers(jobs, quiet)
+
+
+def _free_name(name: str, taken: Many[str]) -> str:
+    """The name, with a number behind it where another recording has it."""
+    names = (name if k == 1 else f"{name}-{k}" for k in range(1, len(taken) + 2))
+    return next(free for free in names if free not in (*taken, "map"))
+
+
+def _refuse_known(part: MapPart, others: Many[MapPart]) -> None:
+    """Raise InputError for a recording of which another one has most images."""
+    for other in others:
+        same = len(set(part.images) & set(other.images))
+        if same >= SAME_IMAGES * min(len(part), len(other)):
+            raise InputError(
+                f"{part.source} is in the map already: '{other.name}' has {same} of its {len(part)} images"
+            )
+
+
+def _refuse_images(sequence: Sequence, parts: Many[MapPart]) -> None:
+    """As `_refuse_known`, before any work: keyframes of the map are looked for among the images of a recording."""
+    images = {frame.color.fingerprint()[:16] for frame in sequence.frames}
+    for part in parts:
+        same = len(images & set(part.images))
+        if same >= SAME_IMAGES * len(part):
+            raise InputError(
+                f"{sequence.root} is in the map already: it has {same} of the {len(part)} keyframes of '{part.name}'"
+            )
