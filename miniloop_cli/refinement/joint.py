@@ -98,9 +98,17 @@ def _over_edges(poses: Poses, inside: EdgeTable, scans: Scans) -> Refined:
 def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timing = NO_TIMING) -> Refined:
     unknown = np.full((len(poses.component), 6, 6), np.nan)
     covariance = unknown if result.covariance is None else result.covariance
-    # The last bits depend on how a kernel was compiled in this process: to a picometre, the same bytes everywhere.
+    # The last bits depend on how a kernel was compiled in this process: to a picometre, and six digits of what is known
+    # to one or two, the same bytes everywhere.
     T_world_cam = np.round(result.T_world_cam, 12) + 0.0  # and zero has one sign
-    return Refined(Poses(T_world_cam, poses.component), covariance, timing)
+    return Refined(Poses(T_world_cam, poses.component), six_digits(covariance), timing)
+
+
+def six_digits(values: Floats) -> Floats:
+    """The values with six significant digits; zero, infinity and NaN as they are."""
+    kept = np.isfinite(values) & (values != 0)
+    unit = 10.0 ** (np.floor(np.log10(np.abs(values, where=kept, out=np.ones_like(values)))) - 5)
+    return np.where(kept, np.round(values / unit) * unit, values)
 
 
 def _bundle(

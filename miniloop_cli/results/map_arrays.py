@@ -148,6 +148,8 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
 def _edge_arrays(edges: EdgeTable, prefix: str) -> Arrays:
     arrays: Arrays = {name: column for name, column in edges.arrays().items() if name not in DERIVED}
     arrays["information"] = edges.information[:, *UPPER].astype(np.float32)
+    # The last bits depend on how a kernel was compiled in this process.
+    arrays["T_j_i"], arrays["detail"] = np.round(edges.T_j_i, 7) + 0.0, np.round(edges.detail, 7) + 0.0
     arrays["matches"] = edges.matches.astype(np.uint16)
     return {prefix + name: column for name, column in arrays.items()}
 

@@ -93,7 +93,7 @@ def test_one_line_and_nothing_written(recording, tmp_path, monkeypatch, argument
     [
         (("regsiter", "room"), "Did you mean 'register'?"),
         (("register", "room", "--sed", "3"), "--seed"),
-        (("register",), "Missing argument 'SEQ'"),
+        (("register",), "Missing argument 'SEQ"),
         (("register", "room", "--features", "sfit"), "'rootsift', 'sift', 'orb'"),
         (("register", "room", "--seed", "-1"), "--seed"),
         (("register", "room", "--jobs", "0"), "0 jobs do nothing"),
