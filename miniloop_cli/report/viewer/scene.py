@@ -14,20 +14,18 @@ from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import Edges, ReportData
 from miniloop_cli.results.folder import LARGEST
 from miniloop_cli.scene.interpolation import nearest
-from miniloop_cli.scene.sequence import NoteKind
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
 
 MOST_EDGES = 20_000  # verified and weak ones first; the rest is in edges.csv
 MOST_MATCHES = 40  # drawn for an edge
-GRAVITY_USED = "gravity is used"  # how the note begins that says so
 
 Values = dict[str, Any]
 
 
 def scene(data: ReportData, evaluation: Evaluation | None) -> Values:
     """Everything but points and images. Lengths in m, angles in deg, times in s; null where something is not known."""
-    leveled = any(text.startswith(GRAVITY_USED) for text in data.columns.noted(NoteKind.PRIOR))
+    leveled = data.results.leveled
     placed = place(data, leveled)
     main = placed.T_world_cam[placed.piece == 0]
     return {
