@@ -123,6 +123,31 @@ SCENES = Benchmark(
     ),
 )
 
+CERTAINTY = Benchmark(
+    "certainty",
+    "How often 'it worked' is wrong.",
+    """Simulated recordings of places that look alike, turntables and jumps: what is said of the result, and how many
+    frames stand elsewhere than it says (by more than 8 degrees or 20 cm, as most others have it).
+
+    \b
+    Example:   python -m benchmarks certainty --only "turntable, alike from behind" --seeds 10
+    """,
+    rows="benchmarks.experiments.certainty:certainty_rows",
+    draw="benchmarks.experiments.certainty:draw",
+    columns=(
+        Column("case", "{case}", "<30"),
+        Column("seed", "{seed}", ">5"),
+        Column("registered", "{registered} of {frames}", ">12"),
+        Column("elsewhere", "{elsewhere}", ">10"),
+        Column("  outcome", "  {outcome}", ""),
+    ),
+    options=(
+        click.option("--only", multiple=True, metavar="CASE", help="Only this case; may be repeated."),
+        whole("--width", 160, 240, "Width of the images (px)."),
+        whole("--seeds", 1, 5, "Recordings of each case."),
+    ),
+)
+
 GROWTH = Benchmark(
     "growth",
     "Time, memory and loops of ever longer recordings.",
@@ -162,4 +187,4 @@ GROWTH = Benchmark(
     parallel=False,
 )
 
-ON_SIMULATIONS = (AVERAGING, CALIBRATION, GROWTH, SCENES)
+ON_SIMULATIONS = (AVERAGING, CALIBRATION, CERTAINTY, GROWTH, SCENES)

@@ -48,7 +48,10 @@ def bound(form: QuadraticForm, Y: Floats) -> Bound:
     least = ROUNDING * float(form.Q.diagonal().max())
 
     def definite(shift: float) -> bool:
-        return form.factor(of_rotations, shift).definite
+        try:
+            return form.factor(of_rotations, shift).definite
+        except RuntimeError:  # a pivot is exactly zero
+            return False
 
     for gap in GAPS:
         shift = max(gap * f / (3 * n), least)

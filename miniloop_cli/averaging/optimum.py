@@ -14,10 +14,12 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
+from miniloop_cli.scene.view_graph import elimination
 from miniloop_cli.typing import Floats, Ints
 
 LOG = logging.getLogger("miniloop")
-MOST_SCANS = 20_000  # of a component: the factor of a graph without any order takes gigabytes beyond
+MOST_SCANS = 20_000  # of a component
+MOST_WORK = 3e8  # multiplications of a factor with one row a scan: those here, of four rows, take ten seconds then
 LOWER = 0.999  # of the cost: another minimum is a better one
 
 
@@ -32,11 +34,11 @@ def prove_optimum(poses: Poses, edges: EdgeTable, settings: Averaging) -> tuple[
     T, optimum, bounds, left = poses.T_world_cam.copy(), poses.T_world_cam.copy(), [], False
     for number in range(poses.component.max(initial=-1) + 1):
         scans = np.flatnonzero(poses.component == number)
-        if len(scans) > MOST_SCANS:
-            problem = f"more than {MOST_SCANS} scans hang together"
-            return poses, Certificate(False, float("nan"), poses, problem=problem)
         inside = used & (poses.component[edges.i] == number)
         pairs = np.searchsorted(scans, edges.pairs[inside])
+        if len(scans) > MOST_SCANS or elimination(len(scans), pairs)[1] > MOST_WORK:
+            problem = f"{len(scans)} scans and {len(pairs)} edges are too many to prove it"
+            return poses, Certificate(False, float("nan"), poses, problem=problem)
         graph = _Component(pairs, edges.T_j_i[inside], edges.information[inside], settings)
         begun, optimum[scans], found = graph.proven(T[scans])
         left = left or begun is not None

@@ -39,7 +39,7 @@ class EdgeWeights:
         [exp(w) | v] T_j_i moves a point c_j by v - c_j x w; at the middle of the matches this says nothing of w.
         """
         H = information
-        lever = np.linalg.solve(H[:, 3:, 3:], H[:, 3:, :3])  # v = -lever w, of the best v for a given w
+        lever = np.linalg.pinv(H[:, 3:, 3:], hermitian=True) @ H[:, 3:, :3]  # v = -lever w, of the best v for a given w
         skew = (np.swapaxes(lever, 1, 2) - lever) / 2
         c_j = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
         c_i = se3.transform(se3.inverse(T_j_i), c_j[:, None])[:, 0]
@@ -52,7 +52,8 @@ class EdgeWeights:
 
 
 def _trace_equivalent(information: Floats) -> Floats:
-    return 3.0 / np.trace(np.linalg.inv(information), axis1=1, axis2=2)
+    values = np.linalg.eigvalsh(information)
+    return 3.0 / (1 / np.maximum(values, np.maximum(values[:, -1:] / WEIGHT_RANGE, 1e-300))).sum(axis=1)
 
 
 def _bounded(weights: Floats) -> Floats:

@@ -147,6 +147,16 @@ def test_isotropic_weights_are_those_of_the_matches_about_their_middle(rng):
     np.testing.assert_allclose(found.kappa, 1.5 / np.trace(np.linalg.inv(of_rotation)), rtol=1e-9)
 
 
+def test_information_that_leaves_something_open_gives_finite_weights():
+    """Matches on a line say nothing of the turn about it, and no matches nothing at all."""
+    line = np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 3]])
+    J = np.concatenate([-se3.hat(line), np.tile(np.eye(3), (3, 1, 1))], axis=2)
+    information = np.stack([1e4 * np.einsum("kab,kac->bc", J, J), np.zeros((6, 6)), np.eye(6)])
+    found = EdgeWeights.of(np.tile(np.eye(4), (3, 1, 1)), information).times(np.ones(3), np.ones(3))
+    assert np.isfinite(found.c_i).all() and (found.kappa > 0).all() and (found.tau > 0).all()
+    assert found.kappa[0] < 1e-3 * found.tau[0] and np.isfinite(found.kappa).all()
+
+
 @pytest.mark.parametrize("turns", [0, 1])
 @pytest.mark.parametrize("n", [6, 20])
 def test_rings_against_gtsam(n, turns):

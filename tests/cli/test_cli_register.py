@@ -52,6 +52,20 @@ def test_log_says_what_was_given_and_what_came_of_it(registered):
     assert "It worked" in (registered.folder / "report.html").read_text()
 
 
+def test_the_certificate_is_told_everywhere(registered):
+    summary = json.loads((registered.folder / "summary.json").read_text())
+    certificate = summary["certificate"]
+    assert certificate["certified"] and 0 <= certificate["relative_gap"] <= 1e-4
+    assert 0 < certificate["moved_by_refinement_m"] < 0.02 and not certificate["better_minimum_taken"]
+    (sentence,) = [note["text"] for note in summary["notes"] if note["kind"] == "proven"]
+    assert sentence.startswith("no other arrangement of these edges and weights is better")
+    assert (
+        sentence in registered.stderr.splitlines()
+        and f"note: {sentence}" in (registered.folder / "log.txt").read_text()
+    )
+    assert sentence[1:] in (registered.folder / "report.html").read_text()
+
+
 def test_table_fits_eighty_columns(registered):
     lines = registered.stdout.splitlines()
     assert lines[0] == f"registered  {FRAMES} of {FRAMES} frames"

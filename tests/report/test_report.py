@@ -308,6 +308,19 @@ def test_a_recording_of_which_most_images_are_dropped_is_a_doubt(run):
     )
 
 
+@pytest.mark.parametrize("kind", ["unproven", "impossible motion", "ambiguous"])
+def test_what_may_be_otherwise_is_a_doubt_and_a_fact(run, kind):
+    summary = json.loads((run.results / "summary.json").read_text())
+    summary["notes"] = [{"kind": kind, "text": "between frames 3 and 4 something is odd"}]
+    (run.results / "summary.json").write_text(json.dumps(summary))
+    verdict = judge(load(run.results).columns)
+    assert verdict.level == Level.DOUBTFUL and verdict.reasons[-1] == "between frames 3 and 4 something is odd"
+    assert "Between frames 3 and 4 something is odd." in verdict.facts
+    summary["notes"] = [{"kind": "proven", "text": "no other arrangement is better"}]
+    (run.results / "summary.json").write_text(json.dumps(summary))
+    assert verdict.reasons[-1] not in judge(load(run.results).columns).reasons
+
+
 def test_what_became_of_gravity_is_told(run):
     summary = json.loads((run.results / "summary.json").read_text())
     summary["notes"] = [

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from miniloop_cli.cli import simulate as command
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
 from miniloop_cli.simulation import simulate
-from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.settings import ALIKE, SCENES, SimulationSettings
 from miniloop_cli.simulation.simulate import true_trajectory
 
 SMALL = {"width": 80, "height": 60, "noise": False}
@@ -72,6 +73,10 @@ def test_rooms_may_look_alike():
     low = [part[(part[:, 2] > 0.1) & (part[:, 2] < 1.2)] for part in (left, right)]
     assert len(low[0]) == len(low[1]) >= 3
     np.testing.assert_allclose(low[1] - low[0], np.tile(low[1][0] - low[0][0], (len(low[0]), 1)), atol=1e-9)
+
+
+def test_the_command_offers_what_there_is():
+    assert command.ALIKE == ALIKE and command.SCENES == SCENES
 
 
 def test_cuts_leave_parts_of_the_path_out_and_the_truth_knows():
