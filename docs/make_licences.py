@@ -9,7 +9,9 @@ from pathlib import Path
 HEAD = """# Licences of what miniloop uses
 
 miniloop itself is under the MIT licence. What it is installed with, and the extras, by what each package says of itself
-(version looked at: the newest when this page was made, by `docs/make_licences.py`). None of it is changed or shipped.
+(version looked at: the newest when this page was made, by `docs/make_licences.py`). None of it is changed, and only
+three.js is shipped: it draws the 3D view, under the MIT licence, and its version and licence lie beside it in
+`miniloop_cli/report/viewer/assets`.
 evo is GPL: it is used by tests and benchmarks alone, as an independent oracle, and nothing of it is linked or imported
 by the program.
 

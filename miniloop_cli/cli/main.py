@@ -29,6 +29,7 @@ COMMANDS = {
     "register": "miniloop_cli.cli.register:register",
     "eval": "miniloop_cli.cli.eval:evaluate",
     "view": "miniloop_cli.cli.view:view",
+    "compare": "miniloop_cli.cli.compare:compare",
     "plot": "miniloop_cli.cli.plot:plot",
     "export": "miniloop_cli.cli.export:export",
     "mesh": "miniloop_cli.cli.mesh:mesh",

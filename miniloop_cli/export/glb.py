@@ -27,6 +27,13 @@ JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 def write_glb(path: Path, mesh: Mesh, T_up_world: Floats) -> Path:
     """One mesh. T_up_world (4, 4) turns its world so that y is up."""
+    with atomic_write(path, "wb") as file:
+        file.write(glb(mesh, T_up_world))
+    return path
+
+
+def glb(mesh: Mesh, T_up_world: Floats) -> bytes:
+    """The bytes of the file that `write_glb` writes."""
     buffers = Buffers()
     attributes = {"POSITION": buffers.accessor(np.asarray(mesh.vertices, np.float32), "VEC3", VERTICES, bounds=True)}
     material: dict[str, Any] = {"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}}
@@ -53,11 +60,10 @@ def write_glb(path: Path, mesh: Mesh, T_up_world: Floats) -> Path:
     data |= {"accessors": buffers.accessors, "bufferViews": buffers.views, "buffers": [{"byteLength": len(binary)}]}
     text = json.dumps(data, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
-    with atomic_write(path, "wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary)))
-        file.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
-        file.write(struct.pack("<II", len(binary), BINARY_CHUNK) + binary)
-    return path
+    head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
+    return b"".join(
+        (head, struct.pack("<II", len(text), JSON_CHUNK), text, struct.pack("<II", len(binary), BINARY_CHUNK), binary)
+    )
 
 
 class Buffers:

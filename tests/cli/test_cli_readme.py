@@ -31,8 +31,8 @@ def test_every_command_is_run(recording, tmp_path, monkeypatch):
         (tmp_path / name).symlink_to(recording)
     ran = []
     for words in commands():
-        if words[0] == "demo":
-            continue  # has a test of its own
+        if words[0] in ("demo", "view"):
+            continue  # have tests of their own; view does not end by itself
         done = launch(*words)
         assert done.returncode == 0, (words, done.stderr)
         ran.append(words[0])

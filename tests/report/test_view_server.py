@@ -15,7 +15,9 @@ from click.testing import CliRunner
 
 from miniloop_cli.cli.main import cli
 from miniloop_cli.errors import InputError
-from miniloop_cli.report.viewer.models import Glb, mesh_as_glb, read_glb, read_model
+from miniloop_cli.export.glb import glb
+from miniloop_cli.export.mesh_model import Mesh
+from miniloop_cli.report.viewer.models import Glb, read_glb, read_model
 from miniloop_cli.report.viewer.packing import unpack_points
 from miniloop_cli.report.viewer.server import ViewServer
 from miniloop_cli.report.viewer.shown import show_model, show_result
@@ -122,10 +124,11 @@ def test_a_mesh_becomes_a_glb_file_that_others_read(tmp_path):
 
 
 def test_what_is_no_model_is_refused(tmp_path):
-    glb = mesh_as_glb(np.eye(3), np.zeros((3, 3), np.uint8), np.array([[0, 1, 2]]))
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.zeros((3, 3), np.uint8), np.array([[0, 1, 2]], np.int32))
+    whole = glb(mesh, np.eye(4))
     head = json.dumps({"buffers": [{"uri": "beside.bin"}]}).encode()
     beside = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(head), len(head), b"JSON") + head
-    damaged = glb[:20] + b"\xff" * 40 + glb[60:]
+    damaged = whole[:20] + b"\xff" * 40 + whole[60:]
     for name, content, said in (
         ("a.glb", b"no", "not a GLB file"),
         ("a.glb", beside, "needs other files"),

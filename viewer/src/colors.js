@@ -14,7 +14,7 @@ const SOLVERS = {
   planar2: hex("#8c939d"), followed: hex("#4db6d6"), guided: hex("#6b4f3a"),
 };
 export const VERDICTS = { verified: hex("#2f7de1"), weak: hex("#e08e0b"), rejected: hex("#d6402f") };
-export const ORIGINS = { both: hex("#8a8f98"), first: hex("#2f7de1"), second: hex("#e08e0b") };
+export const ORIGINS = [hex("#8a8f98"), hex("#2f7de1"), hex("#e08e0b")]; // both results, the first, the second
 
 export const solverColor = name => SOLVERS[name] ?? hex("#8c939d");
 

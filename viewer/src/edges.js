@@ -43,7 +43,7 @@ export class Edges {
     const { columns, shown } = this;
     if (this.by === "residual") return null;
     if (this.by === "verdict") return Object.entries(VERDICTS);
-    if (this.by === "origin") return columns.origins.map((words, k) => [words, Object.values(ORIGINS)[k]]);
+    if (this.by === "origin") return columns.origins.map((words, k) => [words, ORIGINS[k]]);
     return [...new Set(shown.map(e => columns.solver[e]))].sort((a, b) => a - b)
       .map(number => [columns.solver_words[number], solverColor(columns.solvers[number])]);
   }

@@ -51,6 +51,7 @@ export class Frames {
   measures() {
     const all = [
       { key: "error_m", words: "error", scale: 100, unit: "cm" },
+      { key: "difference_m", words: "difference", scale: 100, unit: "cm" },
       { key: "sigma_m", words: "uncertainty (1 sigma)", scale: 100, unit: "cm" },
       { key: "speed", words: "speed", scale: 1, unit: "m/s" },
     ];

@@ -1,6 +1,19 @@
 // A mesh as GLB, with its texture or the colours of its vertices, shown without light as the cameras saw it.
-import { DoubleSide, Group, MeshBasicMaterial, Vector3 } from "three";
+import { BufferAttribute, DoubleSide, Group, MeshBasicMaterial, NoColorSpace, Vector3 } from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+
+const shown = light => (light <= 0.0031308 ? 12.92 * light : 1.055 * light ** (1 / 2.4) - 0.055);
+
+/** Colours of vertices, which glTF has linear in light, as they are to be seen. */
+function asSeen(geometry) {
+  const linear = geometry.getAttribute("color");
+  if (!linear) return false;
+  const colors = new Float32Array(3 * linear.count);
+  for (let k = 0; k < linear.count; k++)
+    colors.set([linear.getX(k), linear.getY(k), linear.getZ(k)].map(shown), 3 * k);
+  geometry.setAttribute("color", new BufferAttribute(colors, 3));
+  return true;
+}
 
 /** Loads `source.model.url`; `turn`: quaternion from the file's axes to the world of the result. */
 export async function openMesh(source, stage, slab) {
@@ -14,9 +27,10 @@ export async function openMesh(source, stage, slab) {
   const parts = [];
   loaded.scene.traverse(node => {
     if (!node.isMesh && !node.isPoints) return;
+    const colored = asSeen(node.geometry);
     if (node.isMesh) {
       const { map, color } = node.material;
-      const colored = Boolean(node.geometry.getAttribute("color"));
+      if (map) map.colorSpace = NoColorSpace; // shown as it is stored
       node.material = new MeshBasicMaterial({ map, vertexColors: colored, side: DoubleSide });
       if (!map && !colored && color) node.material.color.copy(color);
     }

@@ -40,6 +40,7 @@ export class Panel {
       ["pose", lost ? `none: ${columns.reason[k] || columns.status[k] || "not registered"}`
         : apart ? `in piece ${columns.piece[k]}: ${columns.reason[k]}` : FOUND_BY[columns.found_by[k]]],
       ["error", known(columns.error_m[k]) ? length(columns.error_m[k]) : null],
+      ["difference", known(columns.difference_m?.[k]) ? length(columns.difference_m[k]) : null],
       ["uncertainty", known(columns.sigma_m[k]) ? `${length(columns.sigma_m[k])}, ${degrees(columns.sigma_deg[k])}` : null],
       ["speed", known(columns.speed[k]) ? `${columns.speed[k].toFixed(2)} m/s` : null],
       ["keypoints", columns.keypoints[k]],

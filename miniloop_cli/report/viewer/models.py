@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.errors import InputError
+from miniloop_cli.export.glb import glb
 from miniloop_cli.export.mesh import import_open3d
+from miniloop_cli.export.mesh_model import Mesh
 from miniloop_cli.report.viewer import packing
 from miniloop_cli.report.viewer.levels import Levels, coarse_first, tiles
 from miniloop_cli.results.ply import MAX_HEADER_BYTES, read_ply
 from miniloop_cli.typing import Bytes
 
 GREY = 160  # of a model without colours
-FLOAT, UNSIGNED_INT, UNSIGNED_BYTE = 5126, 5125, 5121  # component types of glTF 2.0
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 
 @dataclass(frozen=True)
@@ -108,44 +108,11 @@ def _open3d_mesh(path: Path) -> bytes:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InputError(f"{path}: its faces cannot be read")
-    return mesh_as_glb(vertices, _colors(np.asarray(mesh.vertex_colors), len(vertices)), faces)
+    colors = _colors(np.asarray(mesh.vertex_colors), len(vertices))
+    return glb(Mesh(vertices.astype(np.float32), colors, faces.astype(np.int32)), np.eye(4))
 
 
 def _colors(shares: NDArray[np.floating], count: int) -> Bytes:
     if len(shares) != count:
         return np.full((count, 3), GREY, np.uint8)
     return np.rint(255 * np.clip(shares, 0, 1)).astype(np.uint8)
-
-
-def mesh_as_glb(vertices: NDArray[np.floating], colors: Bytes, faces: NDArray[np.integer]) -> bytes:
-    """A GLB file (glTF 2.0) of (n, 3) vertices with (n, 3) RGB and (m, 3) vertex numbers a triangle."""
-    rgba = np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
-    position = np.asarray(vertices, "<f4")
-    parts = [position.tobytes(), rgba.tobytes(), np.asarray(faces, "<u4").tobytes()]
-    starts = np.cumsum([0, *map(len, parts)]).tolist()
-    views = [
-        {"buffer": 0, "byteOffset": start, "byteLength": len(part), "target": target}
-        for start, part, target in zip(starts, parts, [ARRAY_BUFFER] * 2 + [ELEMENT_ARRAY_BUFFER], strict=False)
-    ]
-    low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()
-    accessors: list[dict[str, Any]] = [
-        {"bufferView": 0, "componentType": FLOAT, "count": len(position), "type": "VEC3", "min": low, "max": high},
-        {"bufferView": 1, "componentType": UNSIGNED_BYTE, "normalized": True, "count": len(rgba), "type": "VEC4"},
-        {"bufferView": 2, "componentType": UNSIGNED_INT, "count": 3 * len(faces), "type": "SCALAR"},
-    ]
-    head = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2}]}],
-        "buffers": [{"byteLength": starts[-1]}],
-        "bufferViews": views,
-        "accessors": accessors,
-    }
-    text = json.dumps(head, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    body = b"".join(parts)
-    body += b"\0" * (-len(body) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(body), b"BIN\0") + body
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
