@@ -15,7 +15,11 @@ MAP = click.Path(file_okay=False, path_type=Path)
 
 @click.group(context_settings=CONTEXT, short_help="What a result keeps to go on with; take recordings out.")
 def map_group() -> None:
-    """The map of a result: what `miniloop locate` and `miniloop add` go on with."""
+    """The map of a result: what `miniloop locate` and `miniloop add` go on with.
+
+    \b
+    Example:   miniloop map info results/desk
+    """
 
 
 @map_group.command(context_settings=CONTEXT, short_help="What a map holds.")
