@@ -61,7 +61,7 @@ def register(
     from miniloop_cli.runtime.artifact_store import Store, default_folder
     from miniloop_cli.runtime.dask_cluster import connected
     from miniloop_cli.runtime.folder_lock import exclusive
-    from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.runtime.parallel import Workers, single_inner_threads
     from miniloop_cli.scene.registration import RegistrationError
 
     if isinstance(settings, (str, Path)):
@@ -81,7 +81,8 @@ def register(
             write_run(error.run, target, workers, store, str(error))
             raise RegistrationError(f"{error} (report: {target / 'report.html'})", error.run) from error
         write_run(run, target, workers, store)
-        write_map(target, map_of(part_of(run, settings.features.type), settings.model_dump(), seed))
+        with single_inner_threads():
+            write_map(target, map_of(part_of(run, settings.features.type), settings.model_dump(), seed))
     return run
 
 

@@ -24,8 +24,13 @@ def image_vectors(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Flo
     return described(descriptors, vocabulary(descriptors, rng))
 
 
-def vocabulary(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats32:
-    """(WORDS, d) words learnt from the (k, d) compact descriptors of images; (0, d) where these have too few."""
+def vocabulary(
+    descriptors: Sequence[Bytes], rng: np.random.Generator, training: int = TRAINING_DESCRIPTORS
+) -> Floats32:
+    """(WORDS, d) words learnt from the (k, d) compact descriptors of images; (0, d) where these have too few.
+
+    `training`: descriptors that they are learnt from, at most.
+    """
     from scipy.cluster.vq import kmeans2
 
     strongest = [found[:DESCRIBED_FEATURES].astype(np.float32) for found in descriptors if len(found)]
@@ -33,7 +38,7 @@ def vocabulary(descriptors: Sequence[Bytes], rng: np.random.Generator) -> Floats
     everything = np.concatenate([np.zeros((0, width), np.float32), *strongest])
     if len(everything) < WORDS:
         return np.zeros((0, width), np.float32)
-    sample = everything[rng.permutation(len(everything))[:TRAINING_DESCRIPTORS]]
+    sample = everything[rng.permutation(len(everything))[:training]]
     return kmeans2(sample, WORDS, iter=10, minit="++", rng=rng)[0]
 
 

@@ -13,6 +13,8 @@ from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.scene_map import Retrieval
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
+TRAINING = 5000  # descriptors that the words are learnt from: more make maps slow to write
+
 
 def small(descriptors: NDArray, feature_type: str) -> Bytes:
     """The strongest descriptors of an image, as vocabularies take them."""
@@ -22,7 +24,7 @@ def small(descriptors: NDArray, feature_type: str) -> Bytes:
 def index(keyframes: Sequence[ScanFeatures], feature_type: str, learnt_from: int) -> Retrieval:
     """The index of keyframes; the vocabulary is learnt from the first `learnt_from` of them."""
     descriptors = [small(features.descriptors, feature_type) for features in keyframes]
-    words = vocabulary(descriptors[:learnt_from], np.random.default_rng(0))
+    words = vocabulary(descriptors[:learnt_from], np.random.default_rng(0), TRAINING)
     return Retrieval(words, described(descriptors, words))
 
 

@@ -16,6 +16,7 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.scene_map import SceneMap
 from miniloop_cli.version import __version__
 
+MOST_JOINS = 600  # lines that show what joins recordings: more only fill the picture
 COLOURS = 6  # classes of lines; with more recordings they come again
 
 
@@ -55,7 +56,7 @@ def _charts(scene_map: SceneMap, piece: int) -> list[Chart]:
     charts = []
     for title, (a, b, sign) in CAMERA_VIEWS.items():
         chart = Chart(title, limits(everything[:, a]), limits(sign * everything[:, b]), "m", "m", equal=True)
-        for i, j in edges.tolist():
+        for i, j in edges[:: max(len(edges) // MOST_JOINS, 1)].tolist():
             chart.line(at[[i, j], a], sign * at[[i, j], b], "join")
         for number, p in tracks.items():
             part = scene_map.parts[number]

@@ -26,7 +26,6 @@ FILES = {
     "landmarks.npz",
     "map",
     "log.txt",
-    "map",
     "report.html",
     "summary.json",
     "trajectory.txt",

@@ -29,6 +29,7 @@ MADE_BY = {
     artifacts.REPETITION: "verification/repetition.py",
     artifacts.GUIDED: "stages/guided_matching.py",
     artifacts.REFINED: "stages/refine.py",
+    artifacts.JOINED: "stages/join.py",
     artifacts.SECOND_MODES: "stages/doubt.py",
     artifacts.JOINED: "stages/join.py",
     CLOUD: "results/write.py",
