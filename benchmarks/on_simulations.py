@@ -187,4 +187,29 @@ GROWTH = Benchmark(
     parallel=False,
 )
 
-ON_SIMULATIONS = (AVERAGING, CALIBRATION, CERTAINTY, GROWTH, SCENES)
+CAMERAS = Benchmark(
+    "cameras",
+    "Cameras from their own recordings.",
+    """Simulated cameras whose errors are drawn from what is known of a guess: how often each parameter is found.
+
+    A run is right where the error of a parameter is within three of the standard deviations that are promised.
+
+    \b
+    Example:   python -m benchmarks cameras --runs 20
+    """,
+    rows="benchmarks.experiments.known_cameras:camera_rows",
+    draw="benchmarks.experiments.known_cameras:draw",
+    columns=(
+        Column("parameter", "{parameter}", "<18"),
+        *numbers(">10", "", "runs", "estimated"),
+        Column("3 sigma", "{within_3_sigma:.0%}", ">9"),
+        Column("rms sigmas", "{rms_sigmas:.2f}", ">12"),
+    ),
+    options=(
+        whole("--runs", 1, 100, "Simulated cameras."),
+        whole("--frames", 3, 16, "Frames a recording."),
+        whole("--points", 50, 1200, "Points of the scene."),
+    ),
+)
+
+ON_SIMULATIONS = (AVERAGING, CALIBRATION, CAMERAS, CERTAINTY, GROWTH, SCENES)

@@ -1,4 +1,4 @@
-"""Three calls that do what the command line does: `register`, `evaluate`, `simulate`.
+"""Four calls that do what the command line does: `register`, `calibrate`, `evaluate`, `simulate`.
 
 They leave the process as they find it: variables, handlers of signals, numba's settings, threads of other libraries.
 """
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from miniloop_cli.evaluation.evaluate import Evaluation, Protocol
     from miniloop_cli.runtime.artifact_store import Store
     from miniloop_cli.runtime.parallel import Workers
+    from miniloop_cli.scene.calibration import Calibration
     from miniloop_cli.scene.registration import Registration
     from miniloop_cli.scene.sequence import Sequence
 
@@ -120,6 +121,44 @@ def write_run(run: Registration, target: Path, workers: Workers, store: Store, p
     data = load(target, run.sequence)
     write_log(run, data, problem)
     write_report(data, store)
+
+
+def calibrate(
+    folder: Path | str,
+    *,
+    overrides: Many[str] = (),
+    layout: str | None = None,
+    topics: str = "",
+    follow_links: bool = False,
+    camera: Path | str | None = None,
+    max_frames: int | None = 100,
+    jobs: int = -1,
+    seed: int = 0,
+    quiet: bool = True,
+) -> Calibration:
+    """The camera of a recording, from the recording itself (docs/calibration.md); nothing is written.
+
+    Raises RegistrationError where no scans could be registered, MiniloopError where their points are too few.
+    """
+    from miniloop_cli.datasets import open_sequence
+    from miniloop_cli.errors import MiniloopError
+    from miniloop_cli.pipeline import register as run_pipeline
+    from miniloop_cli.pipeline import tell
+    from miniloop_cli.presets import load_settings
+    from miniloop_cli.runtime.artifact_store import Store, default_folder
+    from miniloop_cli.runtime.parallel import Workers
+
+    settings = load_settings("default", (*overrides, "calibrate=on"))
+    least = settings.depth.min_confidence
+    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
+    tell(sequence.notes)
+    run = run_pipeline(sequence, settings, Store(default_folder()), Workers(jobs, quiet), seed)
+    if run.calibration is None:
+        raise MiniloopError(
+            f"{sequence.root}: too few points are seen in three frames to tell the camera from them; "
+            "film a place with more texture, slowly, or raise --max-frames"
+        )
+    return run.calibration
 
 
 def evaluate(

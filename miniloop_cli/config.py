@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.setting_choices import OneOf
@@ -217,6 +217,8 @@ class Estimation(NamedTuple):
 
 
 Refinement = Literal["none", "posegraph", "bundle"]
+Calibrate = Literal["off", "auto", "on"]
+_ON_OFF = BeforeValidator(lambda value: ("on" if value else "off") if isinstance(value, bool) else value)  # YAML's own
 
 
 class Settings(Section):
@@ -234,6 +236,10 @@ class Settings(Section):
     averaging: Averaging = Averaging()
     refine: Refinement = Field("bundle", description="Joint refinement of all poses.")
     bundle: Bundle = Bundle()
+    calibrate: Annotated[Calibrate, _ON_OFF] = Field(
+        "auto",
+        description="With refine: bundle, ask the recording for its camera. auto: where the camera is a guess.",
+    )
     cloud: Cloud = Cloud()
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
+from miniloop_cli.datasets.own_cameras import with_camera
 from miniloop_cli.refinement.inputs import Between, Refined
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
@@ -96,7 +97,9 @@ def register(
         unknown = Refined(poses, np.full((len(poses.component), 6, 6), np.nan))
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
-        refined = refine(poses, edges, scans, settings.refine, settings.bundle, vertical, run, between)
+        refined = refine(
+            poses, edges, scans, settings.refine, settings.bundle, vertical, run, between, settings.calibrate
+        )
     of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
     if settings.refine != "none":
         certificate = certificate.refined(of_scans)
@@ -133,8 +136,9 @@ def _registration(
     doubts: tuple[Note, ...] = (),
 ) -> Registration:
     """The run, by frames of the whole recording."""
+    calibration = refined.calibration
     return Registration(
-        whole,
+        with_camera(whole, calibration.camera) if calibration and calibration.changed else whole,
         settings,
         seed,
         of_all_frames(scans.extracted, tracked) if tracked else list(scans.extracted),
@@ -150,6 +154,7 @@ def _registration(
         leveled,
         refined.landmarks,
         refined.velocity,
+        calibration,
     )
 
 

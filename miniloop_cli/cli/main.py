@@ -27,6 +27,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 COMMANDS = {
     "register": "miniloop_cli.cli.register:register",
+    "calibrate": "miniloop_cli.cli.calibrate:calibrate",
     "eval": "miniloop_cli.cli.eval:evaluate",
     "view": "miniloop_cli.cli.view:view",
     "compare": "miniloop_cli.cli.compare:compare",

@@ -44,6 +44,11 @@ MOST_REASONS = 8  # that the summary shows
     help="Camera file (YAML, or of another tool) instead of the camera found.",
 )
 @click.option(
+    "--calibrate",
+    type=click.Choice(["off", "auto", "on"]),
+    help="Ask the recording for its camera; auto (the default): where the camera is a guess.",
+)
+@click.option(
     "--gravity",
     type=click.Path(path_type=Path),
     metavar="FILE",
@@ -89,6 +94,7 @@ def register(
     features: str | None,
     pairs: str | None,
     camera: Path | None,
+    calibrate: str | None,
     gravity: Path | None,
     pose_prior: Path | None,
     init: Path | None,
@@ -130,6 +136,8 @@ def register(
         LOG.warning("--init is called --pose-prior now; the old name goes with the next release")
     if features:
         overrides = (f"features.type={features}", *overrides)
+    if calibrate:
+        overrides = (f"calibrate={calibrate}", *overrides)
     if pairs:
         overrides = (f"matching.pairs={pairs}", *overrides)
     if jobs != 1:
@@ -211,6 +219,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
     """What was found, as a table that fits 80 columns; the verdict last."""
     import numpy as np
 
+    from miniloop_cli.results.calibration import one_line
     from miniloop_cli.results.facts import runs
     from miniloop_cli.results.tables import frame_status
 
@@ -220,6 +229,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
         "registered": f"{numbers['registered']} of {numbers['frames']} frames",
         **({"keyframes": _followed_words(numbers)} if numbers["keyframes"] < numbers["frames"] else {}),
         "camera": numbers["camera"],
+        **({"calibrated": one_line(numbers["calibration"])} if "calibration" in numbers else {}),
         "edges": f"{numbers['edges']} verified; pairs by solver, verified or not: "
         + ", ".join(f"{k} {count}" for k, count in solved),
         "seconds": f"{sum(seconds.values()):.1f}: " + ", ".join(f"{stage} {s:.1f}" for stage, s in seconds.items()),

@@ -5,19 +5,25 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import ConfigError
-from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera import Camera, Trust
+from miniloop_cli.geometry.depth_model import DepthModel
 from miniloop_cli.geometry.lens import COEFFICIENTS, Lens, fisheye_lens, radial_tangential_lens
 from miniloop_cli.runtime.atomic_files import atomic_write
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
 DISTORTION = COEFFICIENTS["radial-tangential"]  # those of a fisheye are among them
-KEYS = (*REQUIRED, *DISTORTION, "lens")
+DEPTH = tuple(f"depth_{field.name}" for field in fields(DepthModel))
+UNCERTAINTY = "uncertainty"  # written for people and other tools: how well each number is known
+KEYS = (*REQUIRED, *DISTORTION, "lens", "trust", *DEPTH, UNCERTAINTY)
 
 # Colour cameras of the TUM RGB-D benchmark (Sturm et al., IROS 2012): fx fy cx cy, then k1 k2 p1 p2 k3.
 FREIBURG = {
@@ -44,7 +50,9 @@ def freiburg_camera(family: str, where: str) -> Camera:
 def default_camera() -> Camera:
     """TUM's ROS default."""
     source = "TUM's ROS default (525 525 319.5 239.5): nothing names the camera; --camera FILE is more accurate"
-    return Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source, depth_scale_assumed=True)
+    return Camera(
+        525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source, depth_scale_assumed=True, trust=Trust.GUESS
+    )
 
 
 def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
@@ -53,12 +61,19 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
     if missing := [key for key in REQUIRED if key not in values]:
         raise ConfigError(f"{where}: {', '.join(missing)} missing; a camera file needs {', '.join(REQUIRED)}")
     for key, value in values.items():
-        if key != "lens" and (isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value)):
+        if key not in ("lens", "trust", UNCERTAINTY) and (
+            isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value)
+        ):
             raise ConfigError(f"{where}: {key} must be a finite number")
     _check_ranges(values, where)
     fx, fy, cx, cy = (float(values[key]) for key in REQUIRED[:4])
     width, height, scale = int(values["width"]), int(values["height"]), float(values["depth_scale"])
-    camera = Camera(fx, fy, cx, cy, width, height, scale, _lens(values, where), source=source)
+    depth, trust = _depth_model(values, where), str(values.get("trust", Trust.CALIBRATED))
+    if trust not in list(Trust):
+        raise ConfigError(f"{where}: trust is one of {', '.join(Trust)}, not '{shown(trust[:40])}'")
+    camera = Camera(
+        fx, fy, cx, cy, width, height, scale, _lens(values, where), source=source, depth_model=depth, trust=Trust(trust)
+    )
     if fault := camera.lens_fault():
         raise ConfigError(
             f"{where}: {fault}; give all its coefficients, calibrate with views that fill the image, or undistort first"
@@ -92,6 +107,19 @@ def _lens(values: dict[str, Any], where: str) -> Lens:
     return fisheye_lens(*own) if model == "fisheye" else radial_tangential_lens(*own)
 
 
+def _depth_model(values: dict[str, Any], where: str) -> DepthModel:
+    given = {key: float(values[key]) for key in DEPTH if key in values}
+    model = DepthModel(**{key.removeprefix("depth_"): value for key, value in given.items()})
+    if not model.exact and DEPTH[-1] not in given:
+        raise ConfigError(f"{where}: {DEPTH[-1]} missing; it belongs to {next(iter(given))}")
+    if not model.exact and not (0.05 <= model.middle_m <= 100 and model.increasing):
+        raise ConfigError(
+            f"{where}: the depth model ({', '.join(given)}) turns near and far around; "
+            f"{DEPTH[-1]} is in metres, and the others are small"
+        )
+    return model
+
+
 def _moderate(value: float) -> bool:
     return abs(value) < 1e9 and math.isfinite(value)
 
@@ -120,8 +148,8 @@ def _check_ranges(values: dict[str, Any], where: str) -> None:
         raise ConfigError(f"{where}: depth_scale is stored units a metre (TUM 5000, millimetres 1000){hint}")
 
 
-def save_camera(path: Path, camera: Camera) -> None:
-    """Write the YAML that `camera_files.read_camera_file` reads."""
+def save_camera(path: Path, camera: Camera, uncertainty: Mapping[str, Any] | None = None) -> None:
+    """Write the YAML that `camera_files.read_camera_file` reads; `uncertainty`: what is said of the numbers beside."""
     with atomic_write(path) as file:
         for key in REQUIRED:
             file.write(f"{key}: {_yaml(getattr(camera, key))}\n")
@@ -130,6 +158,11 @@ def save_camera(path: Path, camera: Camera) -> None:
         for key, value in camera.lens.named.items():
             if value:
                 file.write(f"{key}: {_yaml(value)}\n")
+        if not camera.depth_model.exact:
+            for key in DEPTH:
+                file.write(f"{key}: {_yaml(getattr(camera.depth_model, key.removeprefix('depth_')))}\n")
+        if uncertainty:
+            yaml.safe_dump({UNCERTAINTY: dict(uncertainty)}, file, sort_keys=False, width=120)
 
 
 def _yaml(value: float) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.archive_path import ArchivePath, entered, from_archive, is_archive, levels
+from miniloop_cli.datasets.camera_trust import with_trust
 from miniloop_cli.datasets.confidence import MIN_CONFIDENCE, ConfidentDepth, with_min_confidence
 from miniloop_cli.datasets.depth_values import understand_depth
 from miniloop_cli.datasets.foreign import what_it_is
@@ -59,7 +60,8 @@ def open_sequence(
     if topics:
         _set_topics(reader, topics, root, name)
     sequence = reader.open(root, Path(camera_path) if camera_path else None)
-    sequence = with_min_confidence(replace(sequence, layout=name, topics=topics), min_confidence)
+    camera = with_trust(sequence.camera, name, camera_path is not None)
+    sequence = with_min_confidence(replace(sequence, camera=camera, layout=name, topics=topics), min_confidence)
     if isinstance(root, ArchivePath):
         sequence = from_archive(sequence, root)
     sequence = _with_masks(sequence)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
-from miniloop_cli.scene.sequence import Frame, Note, NoteKind
+from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
 from miniloop_cli.typing import Floats
 
 SAME_FOCAL = 5e-4
@@ -43,6 +43,20 @@ def with_own_cameras(
         "median one"
     )
     return tuple(own), (Note(NoteKind.CONVERTED, text),)
+
+
+def with_camera(sequence: Sequence, camera: Camera) -> Sequence:
+    """The recording with another common camera; frames of their own camera are resampled as they were before."""
+    frames = []
+    for frame in sequence.frames:
+        if frame.camera:
+            M = _from_common(frame.camera, sequence.camera)
+            fx, fy = M[0, 0] * camera.fx, M[1, 1] * camera.fy
+            cx, cy = (M @ np.array([camera.cx, camera.cy, 1.0])).tolist()
+            frames.append(replace(frame, camera=replace(camera, fx=float(fx), fy=float(fy), cx=cx, cy=cy)))
+        else:
+            frames.append(frame)
+    return replace(sequence, camera=camera, frames=tuple(frames))
 
 
 def to_common(

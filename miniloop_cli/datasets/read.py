@@ -80,6 +80,8 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
         from miniloop_cli.geometry.depth_registration import register_depth
 
         depth_m = register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
+    if not sequence.camera.depth_model.exact:
+        depth_m = sequence.camera.depth_model.of_image(depth_m)
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)

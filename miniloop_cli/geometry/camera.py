@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
+from miniloop_cli.geometry.depth_model import EXACT, DepthModel
 from miniloop_cli.geometry.lens import PINHOLE, Lens
 from miniloop_cli.typing import Floats
 
@@ -23,6 +25,14 @@ class DepthNoise:
         return self.a_m + self.b_per_m * (np.asarray(z_m, float) - self.z0_m) ** 2
 
 
+class Trust(StrEnum):
+    """How well a camera is known."""
+
+    CALIBRATED = "calibrated"  # somebody measured this very camera
+    FACTORY = "factory"  # the device states its own numbers
+    GUESS = "guess"  # a default of a driver or of a layout
+
+
 @dataclass(frozen=True)
 class Camera:
     """Intrinsics in pixels (pixel centres at integers), the lens, units of stored depth a metre."""
@@ -38,6 +48,8 @@ class Camera:
     noise: DepthNoise = DepthNoise()
     source: str = "given"
     depth_scale_assumed: bool = False  # nothing states it: the habit of a layout
+    depth_model: DepthModel = EXACT  # corrects readings in metres, on the pixels of this camera
+    trust: Trust = Trust.CALIBRATED
 
     @property
     def K(self) -> Floats:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from miniloop_cli.geometry.camera import Trust
+
 FEW_FEATURES = 150  # features with depth a frame
 LEVELS = ("problem", "warning", "note")
 Numbers = dict[str, Any]
@@ -195,11 +197,11 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _camera(numbers: Numbers) -> Iterator[Finding]:
-    source = numbers["camera"]["source"]
-    if "default" in source and "7-Scenes" not in source:
+    if numbers["camera"]["trust"] == Trust.GUESS:
         yield Finding(
-            "warning", "camera-unknown", f"the camera is a guess: {source}",
-            "calibrate it and pass --camera FILE (docs/recordings.md); nothing gains more accuracy",
+            "warning", "camera-unknown", f"the camera is a guess: {numbers['camera']['source']}",
+            "`miniloop register` asks the recording for it; `miniloop calibrate` writes it to a file for other "
+            "recordings of this device (docs/calibration.md); a calibration with a board is better still",
         )  # fmt: skip
     sound = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
     focal = numbers.get("focal", {})

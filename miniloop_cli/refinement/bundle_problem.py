@@ -75,7 +75,7 @@ class Bundle:
         cuts = np.searchsorted(work, work[-1] * np.arange(chunks + 1) / chunks)
         cuts[-1] = len(length)
         self._bounds = list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
-        self.state = self._proposal = self._at(R, t, X)
+        self.state = self._proposal = self.at(R, t, X)
 
     @property
     def T_world_cam(self) -> Floats:
@@ -85,7 +85,7 @@ class Bundle:
     def propose(self, damping: float) -> tuple[float, float]:
         S, g, L = self.reduced(self.tracks, self.state.seen, damping)
         S[lost(S, len(g))] = np.eye(6)  # they stay
-        self._proposal = self._moved(self.system.solve(S, -g), L)
+        self._proposal = self.moved(self.state.seen, self.system.solve(S, -g), L)
         return self.state.cost, self._proposal.cost
 
     def accept(self) -> None:
@@ -147,14 +147,15 @@ class Bundle:
         found[unknown & ~held] = np.diag(np.full(6, np.inf))
         return found
 
-    def _at(self, R: Floats, t: Floats, X: Floats) -> State:
+    def at(self, R: Floats, t: Floats, X: Floats) -> State:
+        """The state of these poses and points."""
         p_cam = camera_points(self.tracks, R, t, X)
         seen, cost = point_equations(self.point_terms, p_cam, self._least_curvature)
         return State(R, t, X, seen, cost + pose_cost(self.pose_terms, pose(R, t + self.origin)))
 
-    def _moved(self, step: Floats, L: Floats) -> State:
+    def moved(self, seen: PointEquations, step: Floats, L: Floats) -> State:
         """After the pose step (n, 6) and the points' that go with it, L (p, 3, 3) as `reduced` gives them."""
-        R, t, X, seen, _ = self.state
+        R, t, X, _, _ = self.state
         X_new = X.copy()
 
         def chunk(low: int, high: int) -> None:
@@ -162,7 +163,7 @@ class Bundle:
 
         list(self._in_chunks(chunk))
         R_new = np.ascontiguousarray(R @ exp_so3(step[:, :3]))
-        return self._at(R_new, t + np.einsum("nij,nj->ni", R, step[:, 3:]), X_new)
+        return self.at(R_new, t + np.einsum("nij,nj->ni", R, step[:, 3:]), X_new)
 
     def _in_chunks(self, work: Callable[[int, int], Part]) -> Iterator[Part]:
         """What `work` makes of each chunk of tracks, in order; each is given up once it is taken."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
 from miniloop_cli.scene.points import ScanPoints
@@ -64,7 +65,7 @@ class Refined:
     """Poses, their covariances (n, 6, 6; NaN where there are none), the timing and the landmarks that were found.
 
     velocity (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None where
-    there is none to undo.
+    there is none to undo. `calibration`: what the recording told of its camera, where it was asked.
     """
 
     poses: Poses
@@ -72,3 +73,4 @@ class Refined:
     timing: Timing = field(default_factory=Timing)
     landmarks: Landmarks = NO_LANDMARKS
     velocity: Floats | None = None
+    calibration: Calibration | None = None

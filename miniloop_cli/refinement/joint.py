@@ -21,6 +21,7 @@ from miniloop_cli.refinement.motion_term import MotionTerm
 from miniloop_cli.refinement.pose_equations import term_pairs
 from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
+from miniloop_cli.refinement.self_calibration import recalibrated, self_calibrate
 from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.refinement.tracks import build_tracks
@@ -48,14 +49,16 @@ def refine_jointly(
     settings: Bundle,
     workers: Workers,
     between: Between | None = None,
+    calibrated: bool = False,
 ) -> Refined:
     """Refined poses of the largest component, by the method, from the edges used inside of it.
 
     `between`: of a whole recording, whose keyframes the scans are; then the poses are those of all frames.
+    `calibrated`: the bundle adjustment asks the recording for its camera.
     """
     if method == "bundle":
         if len(poses.registered) <= settings.max_scans:
-            bundled = _bundle(poses, inside, scans, settings, workers, between)
+            bundled = _bundle(poses, inside, scans, settings, workers, between, calibrated)
             if bundled:
                 return bundled
         else:
@@ -112,9 +115,15 @@ def six_digits(values: Floats) -> Floats:
 
 
 def _bundle(
-    poses: Poses, inside: EdgeTable, scans: Scans, settings: Bundle, workers: Workers, between: Between | None
+    poses: Poses,
+    inside: EdgeTable,
+    scans: Scans,
+    settings: Bundle,
+    workers: Workers,
+    between: Between | None,
+    calibrated: bool,
 ) -> Refined | None:
-    """Bundle adjustment of the edges' tracks, then of guided tracks, then with the timing undone.
+    """Bundle adjustment of the edges' tracks, then of guided tracks, then with timing and camera errors undone.
 
     Where scans lie so far apart that hardly a point is seen three times, tracks of two scans must do; None if these,
     too, do not tie all scans to each other. The frames between keyframes take part with the points followed in them.
@@ -160,11 +169,15 @@ def _bundle(
     moving, timing = MovingCamera(scans.camera, stamps_s, known, accelerometer, tuple(terms)), NO_TIMING
     if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
+    calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs) if calibrated else None
+    if calibration and calibration.changed:
+        tracked, moving = recalibrated(tracked, calibration), replace(moving, camera=calibration.camera)
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
     feel = settings.motion and between is None
     result, timing, motion = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
     velocity = None if motion is None else np.concatenate(motion[::-1], axis=1)
-    return replace(_refined(result, poses, timing), landmarks=landmarks_of(result, tracked), velocity=velocity)
+    found = _refined(result, poses, timing)
+    return replace(found, landmarks=landmarks_of(result, tracked), velocity=velocity, calibration=calibration)
 
 
 def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:

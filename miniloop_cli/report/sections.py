@@ -12,6 +12,7 @@ from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report import charts
 from miniloop_cli.report.cached_images import VIEWS_DEG, edge_picture, model_pictures
 from miniloop_cli.report.images import data_uri, frame_image, jpeg
+from miniloop_cli.results import calibration
 from miniloop_cli.results.columns import Edges, ReportData
 from miniloop_cli.results.facts import left_out, runs
 from miniloop_cli.results.folder import LARGEST
@@ -125,6 +126,14 @@ def frames(data: ReportData) -> Section | None:
     return {"charts": shown, "missing": rows[:MOST_REASONS], "thumbnails": thumbnails}
 
 
+def _calibration(found: Any) -> Section:
+    """What the run found of its camera; nothing where the recording was not asked, or the file is damaged."""
+    try:
+        return {"calibration": calibration.rows(found), "calibration_words": calibration.in_words(found)}
+    except (TypeError, KeyError, ValueError, AttributeError):
+        return {"calibration": [], "calibration_words": ""}
+
+
 def run(data: ReportData) -> Section | None:
     """Timings, settings, versions, log."""
     summary = data.summary
@@ -134,10 +143,11 @@ def run(data: ReportData) -> Section | None:
     shown = {
         "timings": [(name, seconds, round(100 * seconds / longest)) for name, seconds in timings.items()],
         "recording": data.sequence,
+        **_calibration(summary.get("calibration")),
         "summary": [
             (name, json.dumps(value) if isinstance(value, dict | list) else value)
             for name, value in summary.items()
-            if name not in ("timings_s", "versions")
+            if name not in ("timings_s", "versions", "calibration")
         ],
         "versions": list(versions.items()),
         "texts": [(name, text) for name in ("config.yaml", "log.txt") if (text := data.text(name))],

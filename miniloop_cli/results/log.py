@@ -9,6 +9,7 @@ import yaml
 
 from miniloop_cli.errors import printable
 from miniloop_cli.results.assessment import judge
+from miniloop_cli.results.calibration import numbers, one_line
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.tables import frame_status
 from miniloop_cli.results.write import versions
@@ -36,6 +37,7 @@ def log_lines(run: Registration, data: ReportData, problem: str = "") -> list[st
         f"camera: {camera.source}",
         f"  fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}, {camera.width} x {camera.height},"
         f" {camera.depth_scale:g} units a metre, lens {camera.lens}",
+        *([f"calibrated: {one_line(numbers(run.calibration))}"] if run.calibration else []),
         *(f"note: {note}" for note in run.notes),
         f"seed: {run.seed}",
         "",

@@ -19,6 +19,7 @@ from miniloop_cli.datasets.intrinsics import save_camera
 from miniloop_cli.datasets.trajectory import write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
+from miniloop_cli.results import calibration
 from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
@@ -53,7 +54,8 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
         (folder / name).unlink(missing_ok=True)
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
-    save_camera(folder / "camera.yaml", run.sequence.camera)
+    told = calibration.uncertainty(run.calibration) if run.calibration and run.calibration.changed else None
+    save_camera(folder / "camera.yaml", run.sequence.camera, told)
     write_csv(folder / "frames.csv", FRAME_COLUMNS, frame_rows(run))
     write_csv(folder / "edges.csv", EDGE_COLUMNS, edge_rows(run))
     _write_inliers(run, folder / "inliers.npz")
@@ -100,6 +102,7 @@ def summary(run: Registration) -> dict[str, Any]:
         "leveled": run.leveled,
         "rolling_shutter_s": round(run.timing.readout_s, 5),
         "depth_lag_s": round(run.timing.lag_s, 5),
+        **({"calibration": calibration.numbers(run.calibration)} if run.calibration else {}),
         "verdict": {
             "level": assessment.level.value,
             "headline": assessment.headline,

@@ -8,6 +8,7 @@ import numpy as np
 
 from miniloop_cli.config import Settings
 from miniloop_cli.errors import MiniloopError
+from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.extracted_scan import ExtractedScan
@@ -41,6 +42,8 @@ class Registration:
     `landmarks`: points of the bundle adjustment; none where there was no such adjustment.
     `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None
     without timing.
+    `calibration`: what the recording told of its camera, where it was asked; the camera of the sequence is then the
+    calibrated one.
     """
 
     sequence: Sequence
@@ -59,6 +62,7 @@ class Registration:
     leveled: bool = False
     landmarks: Landmarks = NO_LANDMARKS
     velocity: Floats | None = None
+    calibration: Calibration | None = None
 
     @property
     def scan_frames(self) -> Ints:

@@ -12,6 +12,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.features.keypoints3d import scan_features
 from miniloop_cli.features.thumbnail import make_view
+from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.runtime.artifact_store import Arrays, fingerprint
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import NO_FEATURES, ScanFeatures
@@ -80,7 +81,8 @@ def _key(how: How, index: int, run: Run) -> str:
     frame = sequence.frames[index]
     files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
     # How the camera was found does not change a feature.
-    camera = (replace(sequence.camera, source=""), replace(frame.camera, source="") if frame.camera else None)
+    own = frame.camera and replace(frame.camera, source="", trust=Trust.CALIBRATED)
+    camera = (replace(sequence.camera, source="", trust=Trust.CALIBRATED), own)
     version = FEATURE_TYPES[features.type].version
     other = (sequence.depth_camera,) if sequence.depth_camera else ()
     return run.store.key(FEATURES, (files, features, version, depth, camera, sequence.depth_format, *other))

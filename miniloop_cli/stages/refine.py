@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
-from miniloop_cli.config import Bundle, Refinement
+from miniloop_cli.config import Bundle, Calibrate, Refinement
+from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
 from miniloop_cli.runtime.artifact_store import Arrays
+from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.landmarks import Landmarks
 from miniloop_cli.scene.poses import Poses, usable_edges
@@ -15,6 +19,8 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.stages.artifacts import REFINED
 from miniloop_cli.stages.run import Run
+
+LOG = logging.getLogger("miniloop")
 
 
 def refine(
@@ -26,11 +32,13 @@ def refine(
     vertical: Vertical | None,
     run: Run,
     between: Between | None = None,
+    calibrate: Calibrate = "auto",
 ) -> Refined:
     """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
 
     `vertical`: what an accelerometer says of it; the poses come out level then, z up. `between`: of a whole
-    recording, whose keyframes the scans are; then the poses are those of all its frames.
+    recording, whose keyframes the scans are; then the poses are those of all its frames. `calibrate`: whether the
+    recording is asked for its camera.
     """
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
     inputs = Scans(
@@ -43,11 +51,16 @@ def refine(
         poses = between.tracked.all_poses(poses) if between else poses
         return Refined(poses, np.full((len(poses.component), 6, 6), np.nan))
 
+    asked = calibrate == "on" or (calibrate == "auto" and scans.camera.trust == Trust.GUESS)
+    calibrated = method == "bundle" and asked
+    if calibrate == "on" and method != "bundle":
+        LOG.warning("calibrate: on needs refine: bundle; the camera stays as it was given")
+
     def make() -> Arrays:
         # A run that finds refined poses in the store needs none of the libraries that make them.
         from miniloop_cli.refinement.joint import refine_jointly
 
-        found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between)
+        found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between, calibrated)
         seen = found.landmarks
         columns = {
             "T_world_cam": found.poses.T_world_cam,
@@ -58,6 +71,7 @@ def refine(
             "point": seen.point,
             "frame": seen.frame,
             "px": seen.px,
+            **_columns(found.calibration),
         }
         return columns if found.velocity is None else columns | {"velocity": found.velocity}
 
@@ -71,9 +85,26 @@ def refine(
         method,
         bundle,
         between,
+        *((scans.camera.trust,) if calibrated else ()),
     )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
     landmarks = Landmarks(*(kept[name] for name in ("points", "point", "frame", "px")))
     poses = Poses(kept["T_world_cam"], kept["component"])
-    return Refined(poses, kept["covariance"], timing, landmarks, kept.get("velocity"))
+    return Refined(poses, kept["covariance"], timing, landmarks, kept.get("velocity"), _calibration(kept, scans.camera))
+
+
+def _columns(found: Calibration | None) -> Arrays:
+    if found is None:
+        return {}
+    numbers = np.array([found.middle_m, found.gain, found.gain_sigma, found.scale_sigma])
+    columns = {"theta": found.theta, "theta_covariance": found.covariance, "theta_status": found.status}
+    return columns | {"calibration": numbers}
+
+
+def _calibration(kept: Arrays, camera: Camera) -> Calibration | None:
+    """What `_columns` keeps, of the camera that was given; None where the recording was not asked, or could not say."""
+    if "theta" not in kept:
+        return None
+    theta, covariance, status = kept["theta"], kept["theta_covariance"], kept["theta_status"]
+    return Calibration(camera, theta, covariance, status, *kept["calibration"].tolist())

@@ -242,7 +242,7 @@ def test_findings_from_numbers_alone():
         "frames": 10,
         "broken": [{"frame": k, "reason": "empty file"} for k in range(5)],
         "timing": {"paired": 0.5, "color_images": 20, "depth_images": 20, "gaps": []},
-        "camera": {"source": "TUM's ROS default", "fx": 525, "depth_scale": 5000},
+        "camera": {"source": "TUM's ROS default", "trust": "guess", "fx": 525, "depth_scale": 5000},
         "images": {
             "holes": 0.95, "saturated": 0.5, "brightness": 240, "dark": 0.0, "blurred": 0.5, "depth_m": [0.1, 0.2, 0.3]
         },

@@ -19,7 +19,7 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.stamps import unit_of
 from miniloop_cli.datasets.stream import Stream
 from miniloop_cli.errors import InputError
-from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.scene.sequence import Note, NoteKind, Sequence, Trajectory, dropped_images
 
 WIDTH, HEIGHT = 640, 480
@@ -49,7 +49,7 @@ class ElasticFusion:
         streams = [Stream(shown(root.name), sources, places, times=times, unit=unit) for sources in (color, depth)]
         pairs = pair_rows(root, *streams)
         camera = given_camera(root, camera_path, pairs.frames) or Camera(
-            528.0, 528.0, 320.0, 240.0, WIDTH, HEIGHT, 1000.0, source=SOURCE
+            528.0, 528.0, 320.0, 240.0, WIDTH, HEIGHT, 1000.0, source=SOURCE, trust=Trust.GUESS
         )
         notes = [*pairs.notes, Note(NoteKind.ASSUMED, ORDER)]
         if len(stamps) != claimed or damage:

@@ -19,7 +19,7 @@ from miniloop_cli.datasets.numbered import (
 from miniloop_cli.datasets.paths import IMAGE_SUFFIXES, read_lines, shown
 from miniloop_cli.datasets.stream import stamped_files
 from miniloop_cli.errors import InputError
-from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.scene.sequence import Frame, Sequence, Trajectory
 
 COLOR = ("color", "colour", "image", "images", "cam0")
@@ -91,6 +91,8 @@ def _camera(root: Path, frames: tuple[Frame, ...]) -> tuple[Camera, str]:
         source = (
             "Open3D's default for PrimeSense (525 525 319.5 239.5): no intrinsic.json; --camera FILE is more accurate"
         )
-        camera = Camera(525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source, depth_scale_assumed=True)
+        camera = Camera(
+            525.0, 525.0, 319.5, 239.5, 640, 480, 1000.0, source=source, depth_scale_assumed=True, trust=Trust.GUESS
+        )
         return camera, ""
     return read_camera_file(path, f"the sequence's own {path.name}", color_size(frames), depth_scale=1000.0), path.name

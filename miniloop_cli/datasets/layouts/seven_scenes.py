@@ -10,7 +10,7 @@ from miniloop_cli.datasets.numbered import (
 )
 from miniloop_cli.datasets.pairing import pair
 from miniloop_cli.datasets.stream import named_stream
-from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
 
 SOURCE = "7-Scenes' default (585 585 320 240)"
@@ -29,7 +29,7 @@ class SevenScenes:
         color = named_stream(root, ".", (".color.png", ".color.jpg"))
         found = pair(root, color, named_stream(root, ".", (".depth.png",)))
         camera = given_camera(root, camera_path, found.frames) or Camera(
-            585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE
+            585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE, trust=Trust.GUESS
         )
         truth = root if any(root.glob("frame-*.pose.txt")) else None
         notes = (*found.notes, Note(NoteKind.ASSUMED, UNREGISTERED))

@@ -1,0 +1,88 @@
+"""What a run found of its camera, for summary.json, camera.yaml, the terminal and the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from miniloop_cli.scene.calibration import Calibration, Status
+
+DIGITS = {"fx": 2, "fy": 2, "cx": 2, "cy": 2}
+WORDS = {
+    Status.ESTIMATED: "estimated",
+    Status.UNOBSERVABLE: "not observable",
+    Status.NO_GAIN: "no gain",
+}
+
+
+def numbers(found: Calibration) -> dict[str, Any]:
+    """For summary.json: whether anything changed, and each number as given, as it is, and how surely."""
+    return {
+        "changed": found.changed,
+        "held_out_gain": round(found.gain, 5),
+        "held_out_gain_sigma": round(min(found.gain_sigma, 1e9), 5),
+        "depth_scale_sigma": found.scale_sigma,
+        "parameters": {
+            each.name: {
+                "given": _rounded(each.given),
+                "value": _rounded(each.value),
+                "sigma": _rounded(each.sigma),
+                "status": WORDS[each.status],
+            }
+            for each in found.values()
+        },
+    }
+
+
+def uncertainty(found: Calibration) -> dict[str, Any]:
+    """For camera.yaml: standard deviations, and the covariance of what was estimated by the names of its rows."""
+    return {
+        "sigma": {each.name: _rounded(each.sigma) for each in found.values()} | {"depth_scale": _scale(found)},
+        "covariance_of": list(found.names_estimated),
+        "covariance": [[_rounded(float(value)) for value in row] for row in found.covariance_estimated],
+    }
+
+
+def one_line(numbers: dict[str, Any]) -> str:
+    """For the terminal: what was estimated and what stayed, from the numbers of summary.json."""
+    if not numbers["changed"]:
+        return "the recording was asked: no other camera predicts held-out points clearly better than the one given"
+    by_status: dict[str, list[str]] = {}
+    for name, each in numbers["parameters"].items():
+        by_status.setdefault(each["status"], []).append(_words(name, each))
+    parts = [", ".join(by_status.pop(WORDS[Status.ESTIMATED], []))]
+    parts += [f"{status}: {', '.join(word.split()[0] for word in words)}" for status, words in by_status.items()]
+    gain = 100 * numbers["held_out_gain"]
+    return "; ".join([*parts, f"held-out points fit {gain:.1f} % better", "the unit of depth is the sensor's"])
+
+
+def in_words(numbers: dict[str, Any]) -> str:
+    """Whether anything changed, what it gains, and what no recording tells."""
+    if not numbers["changed"]:
+        return "Nothing changed: no other camera predicts points that took no part clearly better than the one given."
+    gain, sigma = 100 * numbers["held_out_gain"], 100 * numbers["held_out_gain_sigma"]
+    return (
+        f"Points that took no part fit {gain:.1f} ± {sigma:.1f} % better. The unit of depth stays the sensor's own, "
+        f"known to {100 * numbers['depth_scale_sigma']:g} %: no recording tells it."
+    )
+
+
+def rows(numbers: dict[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """For the report: name, given, now, standard deviation, what became of it."""
+    return [
+        (name, f"{each['given']:.6g}", f"{each['value']:.6g}", f"{each['sigma']:.2g}", each["status"])
+        for name, each in numbers["parameters"].items()
+    ]
+
+
+def _words(name: str, each: dict[str, Any]) -> str:
+    digits = DIGITS.get(name, 4)
+    return f"{name} {each['value']:.{digits}f} ± {each['sigma']:.{digits}f}"
+
+
+def _scale(found: Calibration) -> float:
+    return _rounded(found.scale_sigma * found.given.depth_scale)
+
+
+def _rounded(value: float) -> float:
+    """To seven digits: what lies beyond depends on how a kernel was compiled."""
+    return float(f"{value:.7g}")

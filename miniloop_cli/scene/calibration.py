@@ -1,0 +1,104 @@
+"""What a recording told of its camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.geometry import depth_model
+from miniloop_cli.geometry.camera import Camera, Trust
+from miniloop_cli.geometry.camera_parameters import DISTORTION, NAMES, CameraParameters
+from miniloop_cli.typing import Floats, Ints
+
+
+class Status(IntEnum):
+    """What became of a parameter."""
+
+    ESTIMATED = 0
+    UNOBSERVABLE = 1  # the recording hardly tells it: it stays
+    NO_GAIN = 2  # with it, points that did not take part are predicted no better: it stays
+
+
+class Value(NamedTuple):
+    """A number of the camera: as it was given, as it is now, its standard deviation, what became of it."""
+
+    name: str
+    given: float
+    value: float
+    sigma: float
+    status: Status
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Parameters `theta` from the camera that was given, their covariance and what became of each.
+
+    theta (p,), covariance (p, p; of those that stay: what was known before), status (p,) numbers of Status, by
+    camera_parameters.NAMES. `gain`: by how much the cost of points that took no part falls, as a share, and
+    `gain_sigma` its standard deviation. `scale_sigma`: of the unit of depth, relative; no recording tells it.
+    """
+
+    given: Camera
+    theta: Floats
+    covariance: Floats
+    status: Ints
+    middle_m: float
+    gain: float
+    gain_sigma: float
+    scale_sigma: float
+
+    @property
+    def parameters(self) -> CameraParameters:
+        """The steps from the given camera."""
+        return CameraParameters(self.given, self.theta, self.middle_m)
+
+    @property
+    def camera(self) -> Camera:
+        """The calibrated camera."""
+        source = f"estimated from the recording, beginning with {self.given.source}"
+        return replace(self.parameters.camera, source=source, trust=Trust.CALIBRATED)
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was estimated."""
+        return bool((self.status == Status.ESTIMATED).any())
+
+    @property
+    def sigmas(self) -> Floats:
+        """(p,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def names_estimated(self) -> tuple[str, ...]:
+        """Parameters that were estimated, by camera_parameters.NAMES; focal: relative (log), aspect: of fy / fx."""
+        return tuple(name for name, status in zip(NAMES, self.status, strict=True) if status == Status.ESTIMATED)
+
+    @property
+    def covariance_estimated(self) -> Floats:
+        """Their covariance, row by row."""
+        rows = np.flatnonzero(self.status == Status.ESTIMATED)
+        return self.covariance[np.ix_(rows, rows)]
+
+    def values(self) -> list[Value]:
+        """Every number in its own unit, in the order of NAMES, fx and fy in place of focal and aspect."""
+        camera, C = self.camera, self.covariance
+        of_fy = float(np.sqrt(max(C[0, 0] + 2 * C[0, 1] + C[1, 1], 0.0)))
+        status = [Status(int(number)) for number in self.status]
+        found = [
+            Value("fx", self.given.fx, camera.fx, camera.fx * float(self.sigmas[0]), status[0]),
+            Value("fy", self.given.fy, camera.fy, camera.fy * of_fy, status[0]),
+            Value("cx", self.given.cx, camera.cx, float(self.sigmas[2]), status[2]),
+            Value("cy", self.given.cy, camera.cy, float(self.sigmas[3]), status[3]),
+        ]
+        lens, bent = self.given.lens.named, camera.lens.named
+        depth = zip(
+            depth_model.NAMES, self.given.depth_model.coefficients, camera.depth_model.coefficients, strict=True
+        )
+        rows = [(name, lens.get(name, 0.0), bent.get(name, 0.0)) for name in DISTORTION]
+        rows += [(f"depth_{name}", before, after) for name, before, after in depth]
+        for k, (name, before, after) in enumerate(rows, start=4):
+            found.append(Value(name, before, after, float(self.sigmas[k]), status[k]))
+        return found
