@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -29,6 +30,7 @@ from miniloop_cli.version import __version__
 FOLDER, MANIFEST = "map", "map.json"
 FORMAT, VERSION = "miniloop-map", 1
 MAX_MANIFEST_BYTES = 64 << 20
+OWN = re.compile(r"[0-9a-f]{32}\.npz")  # names of data files
 ATTEMPTS = 5  # to read a map that others are changing
 LEVEL = 1  # of compression: descriptors hardly shrink any more at higher ones
 
@@ -64,6 +66,18 @@ def write_map(result: Path, scene_map: SceneMap) -> None:
         if path.name not in named:
             with suppress(OSError):  # a reader has it open, on Windows: it goes the next time
                 path.unlink()
+
+
+def remove_map(result: Path) -> None:
+    """Take the map out of a results folder: the manifest first. What no map wrote stays."""
+    folder = result / FOLDER
+    (folder / MANIFEST).unlink(missing_ok=True)
+    for path in folder.glob("*.npz"):
+        if OWN.fullmatch(path.name):
+            with suppress(OSError):
+                path.unlink()
+    with suppress(OSError):  # not empty, or not there
+        folder.rmdir()
 
 
 def read_manifest(result: Path) -> dict[str, Any]:

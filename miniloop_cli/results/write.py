@@ -24,6 +24,7 @@ from miniloop_cli.results.assessment import assess_run
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.landmarks import write_landmarks
+from miniloop_cli.results.map_folder import remove_map
 from miniloop_cli.results.ply import write_ply
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, frame_status, write_csv
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
@@ -41,7 +42,7 @@ CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = (
     *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),
-    *("summary.json", "log.txt", "report.html", "map/map.json"),
+    *("summary.json", "log.txt", "report.html"),
 )
 
 
@@ -52,6 +53,7 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     """
     for name in OF_ONE_RUN:
         (folder / name).unlink(missing_ok=True)
+    remove_map(folder)
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
     told = calibration.uncertainty(run.calibration) if run.calibration and run.calibration.changed else None
