@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.depth_model import rho
 from miniloop_cli.refinement.timing import Measurements, corrected, flow
+from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.poses import usable_edges
@@ -27,7 +29,7 @@ def part_of(run: Registration, feature_type: str) -> MapPart:
     uses = feature_uses(edges, [len(scan.features) for scan in run.scans])
     rows, features = [], []
     for k in scans.tolist():
-        scan, sequence = run.scans[k].features, run.sequence
+        scan, sequence = by_calibration(run.scans[k].features, run.calibration), run.sequence
         lag_s = float(sequence.depth_stamps_s[k] - sequence.stamps_s[k])
         velocity = np.zeros(6) if run.velocity is None else run.velocity[k]
         still = at_one_instant(scan, velocity, run.timing, lag_s, sequence.camera)
@@ -76,6 +78,18 @@ def of_rows(features: ScanFeatures, rows: Ints) -> ScanFeatures:
     f = features
     places = f.px[rows], f.px_ideal[rows], f.z_m[rows], f.slope[rows]
     return ScanFeatures(*places, f.outline[rows], f.descriptors[rows])
+
+
+def by_calibration(features: ScanFeatures, calibration: Calibration | None) -> ScanFeatures:
+    """Features as the calibrated camera measured them: they were extracted with the one that was given."""
+    if calibration is None or not calibration.changed:
+        return features
+    camera = calibration.camera
+    px_ideal = camera.undistort(calibration.given.distort(features.px_ideal))
+    z_m = features.z_m + calibration.parameters.depth_step(features.z_m, rho(features.px, camera.width, camera.height))
+    lost = ~np.isfinite(px_ideal).all(axis=1) | ~(z_m > 0)
+    px_ideal[lost] = features.px_ideal[lost]
+    return replace(features, px_ideal=px_ideal, z_m=np.where(lost, np.nan, z_m))
 
 
 def at_one_instant(

@@ -8,12 +8,16 @@ from hypothesis import strategies as st
 from map_scenes import CAMERA, small_part, some_pose
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera_parameters import DISTORTION, INTRINSICS, NAMES
+from miniloop_cli.geometry.depth_model import rho
 from miniloop_cli.mapping.alone import landmarks_of
 from miniloop_cli.mapping.carry import carried_poses
 from miniloop_cli.mapping.common_camera import same_rays, view_in
 from miniloop_cli.mapping.landmarks import fused
-from miniloop_cli.mapping.part import at_one_instant, between_rows, chosen_features, of_rows
+from miniloop_cli.mapping.part import at_one_instant, between_rows, by_calibration, chosen_features, of_rows
 from miniloop_cli.mapping.pieces import in_the_first_world, pieces_of
+from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.edge import Edge, EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.timing import Timing
@@ -128,3 +132,24 @@ def test_recordings_hang_together_by_edges_of_several_keyframes():
     assert pieces_of(joined, of_part, 3, np.zeros(14, int)).tolist() == [0, 0, 1]
     apart = np.where(of_part == 1, 1, 0)
     assert pieces_of(joined, of_part, 3, apart).tolist() == [1, 2, 0]
+
+
+def test_features_of_a_calibrated_run_are_those_of_the_new_camera():
+    """Extracted with a guess of the camera, kept as the one that was found sees them."""
+    given = Camera(525.0, 525.0, 319.5, 239.5, 640, 480)
+    theta = np.zeros(len(NAMES))
+    theta[[0, 2, 3, 4]] = 0.02, 4.0, -6.0, 0.1
+    theta[len(INTRINSICS) + len(DISTORTION)] = 0.01
+    status = np.where(theta != 0, Status.ESTIMATED, Status.NO_GAIN)
+    found = Calibration(given, theta, np.eye(len(theta)), status, 1.5, 0.1, 0.01, 0.01)
+    rng = np.random.default_rng(0)
+    px, z_m = rng.uniform((20, 20), (620, 460), (50, 2)), rng.uniform(0.8, 3, 50)
+    z_m[:5] = np.nan
+    nothing = np.zeros((50, 2)), np.zeros(50, bool), np.zeros((50, 8), np.uint8)
+    kept = by_calibration(ScanFeatures(px, given.undistort(px), z_m, *nothing), found)
+    camera = found.camera
+    np.testing.assert_allclose(kept.px_ideal[5:], camera.undistort(px)[5:], atol=1e-6)
+    corrected = camera.depth_model.corrected(z_m, rho(px, 640, 480))
+    np.testing.assert_allclose(kept.z_m, corrected, rtol=1e-9)
+    assert np.nanmax(np.abs(kept.z_m - z_m)) > 0.003 and np.isnan(kept.z_m[:5]).all()
+    assert by_calibration(kept, None) is kept
