@@ -29,7 +29,7 @@ LOG = logging.getLogger("miniloop")
 SAME_IMAGES = 0.5  # share of keyframes with images of another recording from which on it is the same one
 OF_SINGLE = (  # what a run of one recording writes, its trajectory last
     *("edges.csv", "frames.csv", "graph.g2o", "inliers.npz", "log.txt", "camera.yaml", "config.yaml", "report.html"),
-    *("summary.json", "cloud.ply", "trajectory.txt"),
+    *("summary.json", "cloud.ply", "covariances.npz", "landmarks.npz", "trajectory.txt"),
 )
 
 
