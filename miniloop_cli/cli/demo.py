@@ -34,5 +34,5 @@ def demo(output: Path | None, frames: int, jobs: int, seed: int, quiet: bool) ->
         compile_in_background()
     context = click.get_current_context()
     context.invoke(simulate, folder=recording, frames=frames, seed=seed, quiet=quiet, overwrite=True)
-    context.invoke(register, sequence=recording, output=result, jobs=jobs, seed=seed, quiet=quiet)
+    context.invoke(register, sequences=(recording,), output=result, jobs=jobs, seed=seed, quiet=quiet)
     context.invoke(evaluate, result=result, gt=recording, plot=result)

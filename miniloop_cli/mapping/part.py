@@ -52,7 +52,7 @@ def part_of(run: Registration, feature_type: str) -> MapPart:
         tuple(run.sequence.frames[k].color.fingerprint()[:16] for k in scans.tolist()),
         tuple(features),
         tuple(run.scans[k].view for k in scans.tolist()),
-        between_rows(edges, scans, rows),
+        between_rows(edges, scans, rows).rounded(),
     )
 
 

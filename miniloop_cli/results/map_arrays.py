@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from miniloop_cli.geometry.camera import Camera, DepthNoise
+from miniloop_cli.geometry.camera import Camera, DepthNoise, Trust
+from miniloop_cli.geometry.depth_model import DepthModel
 from miniloop_cli.geometry.lens import Lens
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
@@ -108,7 +109,9 @@ def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> 
 def camera_from(values: Mapping[str, Any]) -> Camera:
     """The camera of which `dataclasses.asdict` gave the values."""
     lens = Lens(str(values["lens"]["model"]), tuple(map(float, values["lens"]["coefficients"])))
-    return Camera(**{**values, "lens": lens, "noise": DepthNoise(**values["noise"])})
+    own = {"lens": lens, "noise": DepthNoise(**values["noise"])}
+    own |= {"depth_model": DepthModel(**values["depth_model"]), "trust": Trust(values["trust"])}
+    return Camera(**{**values, **own})
 
 
 def joined_arrays(joined: Joined) -> Arrays:
@@ -148,8 +151,6 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
 def _edge_arrays(edges: EdgeTable, prefix: str) -> Arrays:
     arrays: Arrays = {name: column for name, column in edges.arrays().items() if name not in DERIVED}
     arrays["information"] = edges.information[:, *UPPER].astype(np.float32)
-    # The last bits depend on how a kernel was compiled in this process.
-    arrays["T_j_i"], arrays["detail"] = np.round(edges.T_j_i, 7) + 0.0, np.round(edges.detail, 7) + 0.0
     arrays["matches"] = edges.matches.astype(np.uint16)
     return {prefix + name: column for name, column in arrays.items()}
 

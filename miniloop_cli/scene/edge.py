@@ -195,6 +195,10 @@ class EdgeTable:
         start = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.match_count[rows])])
         return replace(self, **columns, start=start, matches=self.matches[kept], inliers=self.inliers[kept])
 
+    def rounded(self) -> EdgeTable:
+        """With T_j_i to seven decimals: the last bits depend on how a kernel was compiled in this process."""
+        return replace(self, T_j_i=np.round(self.T_j_i, 7) + 0.0, detail=np.round(self.detail, 7) + 0.0)
+
     def inliers_only(self) -> EdgeTable:
         """The table without the matches that are no inliers."""
         kept = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start]

@@ -113,7 +113,7 @@ def solve_between(a: MapPart, b: MapPart, settings: Settings, run: Run) -> EdgeT
     # Every edge leads from one recording to the other, so that cycles have even lengths: odd ones are not looked for.
     even = settings.cycles.model_copy(update={"longest": settings.cycles.longest // 2 * 2})
     edges = solve_edges(matches, scans, settings.estimation._replace(cycles=even), run)
-    return edges.subset(edges.open).inliers_only()
+    return edges.subset(edges.open).inliers_only().rounded()
 
 
 def _photometric_check(parts: Sequence[MapPart], scans: ScanSet, settings: Settings, run: Run) -> PhotometricCheck:

@@ -2,9 +2,13 @@
 
 import re
 import shlex
+import shutil
 
 import pytest
 from command_line import ROOT, launch
+
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.write import write_sequence
 
 # Installation, these tests, and the script that tests/datasets/test_fetch_script.py runs.
 OTHERS = {"pip", "python", "scripts/fetch_tum.sh"}
@@ -29,6 +33,9 @@ def test_every_command_is_run(recording, tmp_path, monkeypatch):
     for name in ("path/to/recording", "rgbd_dataset_freiburg1_xyz"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).symlink_to(recording)
+    shutil.copy(next((recording / "rgb").iterdir()), tmp_path / "photo.jpg")
+    (tmp_path / "kitchen").symlink_to(recording)
+    write_sequence(tmp_path / "hall", SimulationSettings(frames=6, width=320, height=240), seed=5)
     ran = []
     for words in commands():
         if words[0] in ("demo", "view"):
@@ -36,7 +43,7 @@ def test_every_command_is_run(recording, tmp_path, monkeypatch):
         done = launch(*words)
         assert done.returncode == 0, (words, done.stderr)
         ran.append(words[0])
-    assert {"inspect", "register", "eval", "mesh", "export"} <= set(ran)
+    assert {"inspect", "register", "eval", "mesh", "export", "plot", "locate"} <= set(ran)
     assert (tmp_path / "results" / "recording" / "report.html").is_file()
 
 

@@ -34,7 +34,7 @@ LISTENING = """
 """
 STATE = """
     import gc, logging, random, signal, threading, warnings
-    import cv2, joblib, networkx, numba, numpy, pydantic, scipy.linalg, scipy.sparse, threadpoolctl, yaml
+    import cv2, joblib, networkx, numba, numpy, pydantic, scipy.linalg, scipy.sparse, scipy.special, threadpoolctl, yaml
     def state():
         return {
             "variables": dict(os.environ),
