@@ -5,6 +5,7 @@ import { FOV_DEG } from "./stage.js";
 
 const TURN = Math.PI / 36; // a press of an arrow key
 const SECONDS_ACROSS = 6; // on foot, from one side of the model to the other
+const LONGEST_FRAME_MS = 100; // of a machine that draws slowly
 const UP = new Vector3(0, 1, 0);
 
 export class Navigation {
@@ -207,6 +208,8 @@ export class Navigation {
       const [x, y] = arrows[event.key];
       this.turn(-x * TURN, y * TURN);
     } else if (steps[key]) {
+      // A key that is only tapped may be up again before the next frame is drawn.
+      if (!this.held.has(key)) this.step(...steps[key].map(v => v * this.walked(LONGEST_FRAME_MS)));
       this.held.add(key);
       this.go(steps);
     } else return false;
@@ -215,6 +218,11 @@ export class Navigation {
 
   release(event) {
     this.held.delete(event.key.toLowerCase());
+  }
+
+  /** How far one walks in some milliseconds. */
+  walked(ms) {
+    return (ms / 1000) * (this.box.radius / SECONDS_ACROSS) * 2;
   }
 
   /** Walks as long as keys are held. */
@@ -226,7 +234,7 @@ export class Navigation {
         this.going = false;
         return;
       }
-      const far = (Math.min(now - last, 100) / 1000) * (this.box.radius / SECONDS_ACROSS) * 2;
+      const far = this.walked(Math.min(now - last, LONGEST_FRAME_MS));
       last = now;
       for (const key of this.held) this.step(...steps[key].map(v => v * far));
       requestAnimationFrame(stride);
