@@ -187,9 +187,7 @@ def register(
         options.write_json(json_path, numbers)
     if not quiet and json_path != "-":
         print_summary(run, folder, numbers)
-    verdict = numbers["verdict"]
-    if strict and verdict["level"] != "good":
-        raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
+    _require_good(numbers["verdict"], folder, strict)
 
 
 def _register_many(
@@ -205,9 +203,13 @@ def _register_many(
     if not quiet and json_path != "-":
         for line in describe(output, numbers):
             click.echo(options.wrapped(line, " " * 12))
-    if strict and (numbers["pieces"] > 1 or numbers["failed"]):
-        apart = [*numbers["failed"], *(r["name"] for r in numbers["recordings"] if r["piece"])]
-        raise MiniloopError(f"not all recordings hang together: {', '.join(apart)} (see {output})")
+    _require_good(numbers["verdict"], output, strict)
+
+
+def _require_good(verdict: dict[str, Any], folder: Path, strict: bool) -> None:
+    """Raise MiniloopError with --strict for a result that is doubtful or bad."""
+    if strict and verdict["level"] != "good":
+        raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
 
 
 def _followed_words(numbers: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from miniloop_cli.mapping.carry import map_trajectories
 from miniloop_cli.results.fuse_cloud import fuse_cloud
 from miniloop_cli.results.map_folder import manifest_hash, map_bytes, read_manifest
 from miniloop_cli.results.map_numbers import map_numbers
+from miniloop_cli.results.map_verdict import map_verdict
 from miniloop_cli.results.ply import read_ply, write_ply
 from miniloop_cli.results.write import versions
 from miniloop_cli.runtime.atomic_files import atomic_write
@@ -42,6 +43,7 @@ def write_map_files(result: Path, scene_map: SceneMap, extra: Mapping[str, Any])
     voxel_m = float(scene_map.settings.get("cloud", {}).get("voxel_m", 0.01))
     write_ply(result / CLOUD, *fuse_cloud(_read(clouds), voxel_m), comment="metres, the world of the largest piece")
     numbers = {"map_sha256": manifest_hash(result)} | dict(extra)
+    numbers["verdict"] = map_verdict(result, scene_map, extra.get("failed", {}))
     numbers |= map_numbers(scene_map, map_bytes(read_manifest(result)), read_manifest(result)) | {
         "versions": versions()
     }

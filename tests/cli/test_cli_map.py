@@ -12,7 +12,8 @@ from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.results.map_folder import manifest_hash
+from miniloop_cli.results.map_folder import manifest_hash, read_map
+from miniloop_cli.results.map_verdict import map_verdict
 from miniloop_cli.runtime.folder_lock import exclusive
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
@@ -113,6 +114,28 @@ def _truth(recording):
 def _both(folder):
     found = poses(folder)
     return found.timestamps_s, found.T_world_cam
+
+
+def test_a_map_says_whether_it_can_be_trusted(office, recordings, tmp_path):
+    folder, said = office
+    verdict = json.loads((folder / "summary.json").read_text())["verdict"]
+    assert verdict == {"level": "good", "reasons": []}
+    assert said.splitlines()[-1] == "good        nothing speaks against it"
+    apart = tmp_path / "apart"
+    done = launch("register", recordings["first"], recordings["elsewhere"], "-o", apart, "-j", 1, "--strict")
+    assert done.returncode == 1 and "the result is doubtful: the recordings are 2 pieces" in done.stderr
+    assert "doubtful    the recordings are 2 pieces that nothing joins" in done.stdout
+    # What is doubted in one of the recordings is doubted in the map.
+    shutil.copytree(folder, tmp_path / "copy")
+    summary = tmp_path / "copy" / "first" / "summary.json"
+    numbers = json.loads(summary.read_text())
+    numbers["verdict"] |= {"level": "bad", "reasons": ["it is upside down"]}
+    summary.write_text(json.dumps(numbers))
+    found = map_verdict(tmp_path / "copy", read_map(tmp_path / "copy"), {"attic": "it is dark"})
+    assert found["level"] == "bad"
+    assert found["reasons"] == ["first: it is upside down", "attic could not be registered and is left out: it is dark"]
+    summary.write_text("{}")
+    assert map_verdict(tmp_path / "copy", read_map(tmp_path / "copy"), {})["level"] == "doubtful"
 
 
 def test_adding_gives_what_registering_together_gives(copy, recordings, tmp_path):
