@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from miniloop_cli.scene.sequence import Sequence
 
 LOG = logging.getLogger("miniloop")
-SAME_IMAGES = 0.5  # share of keyframes with images of another recording from which on it is the same one
-OF_SINGLE = (  # what a run of one recording writes, its trajectory last
-    *("edges.csv", "frames.csv", "graph.g2o", "inliers.npz", "log.txt", "camera.yaml", "config.yaml", "report.html"),
-    *("summary.json", "cloud.ply", "covariances.npz", "landmarks.npz", "trajectory.txt"),
-)
 
 
 def register_many(
@@ -55,6 +50,7 @@ def register_many(
     cannot be registered is named in "failed" and left out. Raises MiniloopError where none can be.
     """
     from miniloop_cli.api import open_recording
+    from miniloop_cli.mapping.same_recording import refuse_known
     from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.folder_lock import exclusive
     from miniloop_cli.scene.registration import RegistrationError
@@ -78,7 +74,7 @@ def register_many(
                 failed[sequence.name] = str(error)
                 LOG.warning("%s is left out: %s", folder, error)
                 continue
-            _refuse_known(part, parts)
+            refuse_known(part, parts)
             runs.append(run)
             parts.append(part)
         if not parts:
@@ -106,6 +102,7 @@ def add(
     MiniloopError where the recording is in the map, or cannot be registered; then the map is as it was.
     """
     from miniloop_cli.api import open_recording
+    from miniloop_cli.mapping.same_recording import refuse_images, refuse_known
     from miniloop_cli.results.map_folder import map_settings
 
     target = Path(result)
@@ -114,9 +111,9 @@ def add(
         settings = map_settings(target, before)
         sequence = open_recording(folder, settings, layout, camera, max_frames, follow_links, topics)
         sequence = replace(sequence, name=_free_name(sequence.name, [part.name for part in before.parts]))
-        _refuse_images(sequence, before.parts)
+        refuse_images(sequence, before.parts)
         run, part = _registered(sequence, settings, store, workers, before.seed)
-        _refuse_known(part, before.parts)
+        refuse_known(part, before.parts)
         after = _joined([*before.parts, part], settings, store, workers, before.seed, before.joined.solved)
         return _write(target, after, [run], store, workers, {})
 
@@ -218,10 +215,12 @@ def _write(
 
 def _make_room(target: Path, before: Many[str]) -> None:
     """Move what a run of one recording left at the top into the folder of the recording."""
+    from miniloop_cli.results.write import FILES
+
     if not (target / "trajectory.txt").is_file():
         return
     folder = target / before[0] if before else None
-    for path in (target / name for name in OF_SINGLE):
+    for path in (target / name for name in FILES):
         if folder and path.is_file():
             folder.mkdir(exist_ok=True)
             path.replace(folder / path.name)
@@ -239,24 +238,3 @@ def _free_name(name: str, taken: Many[str]) -> str:
     """The name, with a number behind it where another recording has it."""
     names = (name if k == 1 else f"{name}-{k}" for k in range(1, len(taken) + 2))
     return next(free for free in names if free not in (*taken, "map"))
-
-
-def _refuse_known(part: MapPart, others: Many[MapPart]) -> None:
-    """Raise InputError for a recording of which another one has most images."""
-    for other in others:
-        same = len(set(part.images) & set(other.images))
-        if same >= SAME_IMAGES * min(len(part), len(other)):
-            raise InputError(
-                f"{part.source} is in the map already: '{other.name}' has {same} of its {len(part)} images"
-            )
-
-
-def _refuse_images(sequence: Sequence, parts: Many[MapPart]) -> None:
-    """As `_refuse_known`, before any work: keyframes of the map are looked for among the images of a recording."""
-    images = {frame.color.fingerprint()[:16] for frame in sequence.frames}
-    for part in parts:
-        same = len(images & set(part.images))
-        if same >= SAME_IMAGES * len(part):
-            raise InputError(
-                f"{sequence.root} is in the map already: it has {same} of the {len(part)} keyframes of '{part.name}'"
-            )

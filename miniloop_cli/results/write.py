@@ -45,6 +45,9 @@ OF_ONE_RUN = (
     *("summary.json", "log.txt", "report.html"),
 )
 
+OF_ANY_RUN = ("config.yaml", "camera.yaml", "frames.csv", "edges.csv", "inliers.npz")
+FILES = (*OF_ANY_RUN, *reversed(OF_ONE_RUN))  # all of a run, its trajectory last
+
 
 def write_results(run: Registration, folder: Path, workers: Workers, store: Store) -> None:
     """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
