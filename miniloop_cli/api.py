@@ -140,18 +140,14 @@ def calibrate(
 
     Raises RegistrationError where no scans could be registered, MiniloopError where their points are too few.
     """
-    from miniloop_cli.datasets import open_sequence
     from miniloop_cli.errors import MiniloopError
     from miniloop_cli.pipeline import register as run_pipeline
-    from miniloop_cli.pipeline import tell
     from miniloop_cli.presets import load_settings
     from miniloop_cli.runtime.artifact_store import Store, default_folder
     from miniloop_cli.runtime.parallel import Workers
 
     settings = load_settings("default", (*overrides, "calibrate=on"))
-    least = settings.depth.min_confidence
-    sequence = open_sequence(Path(folder), layout, camera, max_frames, follow_links, topics, least)
-    tell(sequence.notes)
+    sequence = open_recording(folder, settings, layout, camera, max_frames, follow_links, topics)
     run = run_pipeline(sequence, settings, Store(default_folder()), Workers(jobs, quiet), seed)
     if run.calibration is None:
         raise MiniloopError(

@@ -14,16 +14,11 @@ from miniloop_cli.cli.main import CONTEXT
 @click.command(context_settings=CONTEXT, short_help="Add a recording to the map of a result.")
 @click.argument("folder", metavar="MAP", type=click.Path(file_okay=False, path_type=Path))
 @click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
-@click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file (YAML, or of another tool) instead of the camera found.",
-)
+@options.camera()
 @options.layout
 @options.topics
 @options.follow_links
-@click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
+@options.max_frames
 @click.option("--fresh", is_flag=True, help="Compute everything again; by default finished work is reused.")
 @options.jobs
 @options.json_file

@@ -21,12 +21,7 @@ from miniloop_cli.cli.main import CONTEXT
     show_default=True,
     help="Camera file to write.",
 )
-@click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file to begin with instead of the camera found.",
-)
+@options.camera("Camera file to begin with instead of the camera found.")
 @options.layout
 @options.topics
 @options.follow_links

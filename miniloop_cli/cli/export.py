@@ -31,12 +31,7 @@ recording = click.option(
     metavar="SEQ",
     help="The recording that was registered [default: its folder during the run].",
 )
-camera = click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file of SEQ (YAML, or of another tool) [default: the camera of the run].",
-)
+camera = options.camera("Camera file of SEQ (YAML, or of another tool) [default: the camera of the run].")
 
 
 @click.command(

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 @click.command(context_settings=CONTEXT, short_help="What looks wrong with a recording, before a run.")
 @click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
-@click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file (YAML, or of another tool) instead of the camera found.",
-)
+@options.camera()
 @click.option("--layout", metavar="NAME", help="Layout of SEQ, if it is not recognised.")
 @options.topics
 @options.follow_links

@@ -26,12 +26,7 @@ if TYPE_CHECKING:
     metavar="FILE|DIR",
     help="Depth of the image; of several, a folder with files of the same names.",
 )
-@click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera of the images [default: that of the map for images of its size, else estimated].",
-)
+@options.camera("Camera of the images [default: that of the map for images of its size, else estimated].")
 @options.json_file
 @options.quiet
 def locate(

@@ -45,6 +45,12 @@ def _check_jobs(ctx: click.Context, param: click.Parameter, jobs: int) -> int:
     return jobs
 
 
+def camera(meaning: str = "Camera file (YAML, or of another tool) instead of the camera found.") -> Callable:
+    """The option that names a camera file; `meaning` is its help."""
+    return click.option("--camera", type=click.Path(path_type=Path), metavar="FILE", help=meaning)
+
+
+max_frames = click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
 seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all randomness.")
 jobs = click.option(
     "-j",

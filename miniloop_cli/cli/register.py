@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
+from miniloop_cli.cli.summary import print_summary
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.feature_types import FEATURE_TYPES
 
-if TYPE_CHECKING:
-    from miniloop_cli.scene.registration import Registration
-
 LOG = logging.getLogger("miniloop")
-MOST_REASONS = 8  # that the summary shows
 
 
 @click.command(context_settings=CONTEXT, short_help="Poses and one model from a recording.")
@@ -37,12 +34,7 @@ MOST_REASONS = 8  # that the summary shows
     metavar="MODE|FILE",
     help="Pairs to compare: auto, exhaustive, sequential, or a file of lines 'i j'.",
 )
-@click.option(
-    "--camera",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file (YAML, or of another tool) instead of the camera found.",
-)
+@options.camera()
 @click.option(
     "--calibrate",
     type=click.Choice(["off", "auto", "on"]),
@@ -64,7 +56,7 @@ MOST_REASONS = 8  # that the summary shows
 @options.layout
 @options.topics
 @options.follow_links
-@click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
+@options.max_frames
 @options.overrides
 @click.option("--fresh", is_flag=True, help="Compute everything again; by default finished work is reused.")
 @options.jobs
@@ -210,48 +202,3 @@ def _require_good(verdict: dict[str, Any], folder: Path, strict: bool) -> None:
     """Raise MiniloopError with --strict for a result that is doubtful or bad."""
     if strict and verdict["level"] != "good":
         raise MiniloopError(f"the result is {verdict['level']}: {'; '.join(verdict['reasons'])} (see {folder})")
-
-
-def _followed_words(numbers: dict[str, Any]) -> str:
-    """That points were followed through the recording, and what became a keyframe."""
-    return f"{numbers['keyframes']}; points were followed through the frames between them"
-
-
-def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> None:
-    """What was found, as a table that fits 80 columns; the verdict last."""
-    import numpy as np
-
-    from miniloop_cli.results.calibration import one_line
-    from miniloop_cli.results.facts import runs
-    from miniloop_cli.results.tables import frame_status
-
-    seconds = numbers["timings_s"]
-    solved = [(f"{kind}-cycles" if kind.isdigit() else kind, count) for kind, count in numbers["cycles"].items()]
-    rows = {
-        "registered": f"{numbers['registered']} of {numbers['frames']} frames",
-        **({"keyframes": _followed_words(numbers)} if numbers["keyframes"] < numbers["frames"] else {}),
-        "camera": numbers["camera"],
-        **({"calibrated": one_line(numbers["calibration"])} if "calibration" in numbers else {}),
-        "edges": f"{numbers['edges']} verified; pairs by solver, verified or not: "
-        + ", ".join(f"{k} {count}" for k, count in solved),
-        "seconds": f"{sum(seconds.values()):.1f}: " + ", ".join(f"{stage} {s:.1f}" for stage, s in seconds.items()),
-        "results": str(folder),
-        "report": str(folder / "report.html"),
-    }
-    if numbers["components"] > 1:
-        rows["pieces"] = ", ".join(map(str, numbers["component_sizes"])) + " frames, not joined to each other"
-    for name, text in rows.items():
-        click.echo(options.wrapped(f"{name:<12}{text}", " " * 12))
-    reasons: dict[str, list[int]] = {}
-    for index in range(numbers["frames"]):
-        if run.poses.component[index] != 0:
-            reasons.setdefault(frame_status(run, index)[1], []).append(index)
-    for why, frames in sorted(reasons.items(), key=lambda item: (-len(item[1]), item[1]))[:MOST_REASONS]:
-        named = f"frame{'s' * (len(frames) > 1)} {runs(np.array(frames))}"
-        # What cannot be read names its frame itself.
-        click.echo(options.wrapped("no pose for " + (why if why.startswith("frame ") else f"{named}: {why}")))
-    if len(reasons) > MOST_REASONS:
-        click.echo(f"... and more: see {folder / 'frames.csv'}")
-    verdict = numbers["verdict"]
-    for text in (f"{verdict['level']:<12}{verdict['headline']}", *(f"{'':<12}{why}" for why in verdict["reasons"])):
-        click.echo(options.wrapped(text, " " * 12))
