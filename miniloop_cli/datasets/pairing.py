@@ -84,12 +84,13 @@ def _color_only(color: Stream, color_s: Floats, depth: Stream, rows: Ints, said:
     within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
     text = f"{len(single)} colour images have no depth image {within}: only points that are followed tell their poses"
     notes = [Note(NoteKind.PAIRED, text)]
-    twice, left = len(color_s) - len(rows) - len(single), len(depth.sources) - len(rows)
+    twice, left, total = len(color_s) - len(rows) - len(single), len(depth.sources) - len(rows), len(color_s)
+    total += len(depth.sources)
     if twice:
-        notes.append(dropped_images(f"{twice} colour images have the stamps of others", twice, len(color_s)))
+        notes.append(dropped_images(f"{twice} colour images have the stamps of others", twice, total))
     if left:
         text = f"{left} of {len(depth.sources)} depth images have no colour image {within}"
-        notes.append(dropped_images(text, left, len(depth.sources)))
+        notes.append(dropped_images(text, left, total))
     return ColorOnly(frames, said[-1], tuple(notes))
 
 

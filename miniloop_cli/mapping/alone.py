@@ -11,7 +11,7 @@ from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.retrieval import index
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import scan_points
-from miniloop_cli.scene.scene_map import Joined, Landmarks, MapPart, SceneMap
+from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap
 from miniloop_cli.typing import Floats, Ints
 
 
@@ -24,7 +24,7 @@ def map_of(part: MapPart, settings: Mapping[str, Any], seed: int) -> SceneMap:
     return SceneMap((part,), joined, settings, seed)
 
 
-def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> Landmarks:
+def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> MapPoints:
     """Points that keyframes of these recordings saw, at the poses (K, 4, 4) of all; `between`: edges that join them."""
     points = [scan_points(features, part.camera) for part in parts for features in part.features]
     first = np.cumsum([0, *(len(part) for part in parts)])

@@ -8,14 +8,14 @@ import numpy as np
 
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.scene.scene_map import Landmarks
+from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Floats, Ints
 
 MAX_CHI2 = 16.0  # of an observation against the others of its point
 POSE_SIGMA_M = 0.002  # by which poses place the same point differently, however often it was seen
 
 
-def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, matches: Sequence[Ints]) -> Landmarks:
+def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, matches: Sequence[Ints]) -> MapPoints:
     """Points seen by two keyframes and more, from the matches (k, 2) of each pair (m, 2) of keyframes.
 
     points: of each keyframe its features in space; T_world_cam (n, 4, 4). A point is the mean of what its keyframes
@@ -25,7 +25,7 @@ def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, ma
     tracks = build_tracks(offsets, pairs, matches)
     of_feature = np.full(int(offsets[-1]), -1)
     if not tracks.count:
-        return Landmarks(np.zeros((0, 3)), np.zeros((0, 3, 3)), of_feature)
+        return MapPoints(np.zeros((0, 3)), np.zeros((0, 3, 3)), of_feature)
     row = offsets[tracks.frame] + tracks.feature
     T = T_world_cam[tracks.frame]
     p_cam = np.concatenate([scan.points_m for scan in points])[row]
@@ -43,7 +43,7 @@ def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, ma
     number = np.full(tracks.count, -1)
     number[good] = np.arange(len(good))
     of_feature[row[agreeing]] = number[tracks.track[agreeing]]
-    return Landmarks(mean[good], covariance[good] + POSE_SIGMA_M**2 * np.eye(3), of_feature)
+    return MapPoints(mean[good], covariance[good] + POSE_SIGMA_M**2 * np.eye(3), of_feature)
 
 
 def fused(points: Floats, information: Floats, group: Ints, count: int) -> tuple[Floats, Floats]:

@@ -15,7 +15,7 @@ from miniloop_cli.geometry.depth_model import DepthModel
 from miniloop_cli.geometry.lens import Lens
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
-from miniloop_cli.scene.scene_map import Joined, Landmarks, MapPart, Retrieval
+from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, Retrieval
 from miniloop_cli.scene.thumbnail import View
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Pair
@@ -141,7 +141,7 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
         arrays["piece"],
         {(a, b): _edges_from(arrays, f"solved_{a}_{b}_") for a, b in pairs},
         _edges_from(arrays, "edge_"),
-        Landmarks(
+        MapPoints(
             arrays["points_m"].astype(float), _symmetric(arrays["points_covariance"]), arrays["of_feature"].astype(int)
         ),
         Retrieval(arrays["words"], arrays["vectors"].astype(np.float32)),

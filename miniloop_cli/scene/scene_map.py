@@ -55,7 +55,7 @@ class MapPart:
 
 
 @dataclass(frozen=True)
-class Landmarks:
+class MapPoints:
     """Points of the map: points_m (p, 3) in the map's world, covariances_m2 (p, 3, 3).
 
     of_feature (f,): the point that each feature shows, features counted through all keyframes; -1 for those that only
@@ -90,7 +90,7 @@ class Joined:
     piece: Ints
     solved: Mapping[Pair, EdgeTable]
     edges: EdgeTable
-    landmarks: Landmarks
+    landmarks: MapPoints
     retrieval: Retrieval
 
 
