@@ -35,7 +35,6 @@ def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any]
         numbers=numbers,
         pieces=pieces,
         joins=joins,
-        failed=numbers.get("failed", {}),
         charts=[_charts(scene_map, piece) for piece in range(numbers["pieces"])],
     )
     path = result / "report.html"

@@ -149,7 +149,7 @@ def _settings(run: ReportData) -> dict[str, Any]:
     versions = run.summary.get("versions")
     if isinstance(versions, dict):
         found["(version of miniloop)"] = versions.get("miniloop")
-    return found | {"(frames)": len(run.frames), "(seed)": run.summary.get("seed")}
+    return found | {"frames of the run": len(run.frames), "--seed": run.summary.get("seed")}
 
 
 def _flatten(value: Any, key: str, found: dict[str, Any]) -> None:

@@ -125,6 +125,9 @@ def test_a_map_says_whether_it_can_be_trusted(office, recordings, tmp_path):
     done = launch("register", recordings["first"], recordings["elsewhere"], "-o", apart, "-j", 1, "--strict")
     assert done.returncode == 1 and "the result is doubtful: the recordings are 2 pieces" in done.stderr
     assert "doubtful    the recordings are 2 pieces that nothing joins" in done.stdout
+    page = (apart / "report.html").read_text()
+    assert 'class="verdict doubtful"' in page and "<li>the recordings are 2 pieces that nothing joins" in page
+    assert 'class="verdict good"' in (folder / "report.html").read_text()
     # What is doubted in one of the recordings is doubted in the map.
     shutil.copytree(folder, tmp_path / "copy")
     summary = tmp_path / "copy" / "first" / "summary.json"
