@@ -50,7 +50,7 @@ from miniloop_cli.verification.priors import apply_priors
 
 LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
-FRAMES_OF_TWO = 60  # are plenty for two cameras
+FRAMES_OF_TWO = 40  # are plenty for two cameras
 
 
 @single_inner_threads()

@@ -72,7 +72,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
             color, stored, mask = _as_common(color, stored, mask, frame.camera, sequence.camera)
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
-    depth_m = _registered(sequence, frame, stored)
+    depth_m = _registered(sequence, frame, _in_metres(sequence, stored))
     if not sequence.camera.depth_model.exact:
         depth_m = sequence.camera.depth_model.of_image(depth_m)
     if mask is not None:
@@ -80,20 +80,21 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     return Scan(color, depth_m, mask)
 
 
-def read_registered_depth(sequence: Sequence, index: int) -> Floats32:
-    """The depth (h, w) m of frame `index` on the pixels of colour, as `read_scan` has it but for model and mask.
-
-    Raises InputError (reason only).
-    """
-    frame, size = sequence.frames[index], (sequence.camera.height, sequence.camera.width)
-    return _registered(sequence, frame, _stored_depth(sequence, frame.depth, size))
+def read_own_depth(sequence: Sequence, index: int) -> Floats32:
+    """The depth (h, w) m of frame `index` as its camera measured it, 0 = none. Raises InputError (reason only)."""
+    size = sequence.camera.height, sequence.camera.width
+    return _in_metres(sequence, _stored_depth(sequence, sequence.frames[index].depth, size))
 
 
-def _registered(sequence: Sequence, frame: Frame, stored: NDArray[Any]) -> Floats32:
-    """Stored values (h, w) as depth in metres, 0 = no reading, on the pixels of colour."""
+def _in_metres(sequence: Sequence, stored: NDArray[Any]) -> Floats32:
     depth_m = stored.astype(np.float32) / np.float32(sequence.camera.depth_scale)
     for value in sequence.depth_format.no_reading:
         depth_m[stored == np.asarray(value, stored.dtype)] = 0
+    return depth_m
+
+
+def _registered(sequence: Sequence, frame: Frame, depth_m: Floats32) -> Floats32:
+    """Depth of a camera of its own on the pixels of colour."""
     own = sequence.depth_camera
     if own is None or isinstance(frame.depth, NoDepth) or own.sees_as(sequence.camera):
         return depth_m

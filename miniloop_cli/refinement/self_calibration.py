@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from miniloop_cli.geometry import depth_model, se3
+from miniloop_cli.geometry import depth_camera_parameters, depth_model, se3
 from miniloop_cli.geometry.camera_parameters import (
     DISTORTION,
     INTRINSICS,
@@ -43,8 +43,8 @@ from miniloop_cli.typing import Floats, Ints
 LOG = logging.getLogger("miniloop")
 LADDER = (INTRINSICS, DISTORTION[:2], DISTORTION[2:], depth_model.NAMES)  # each model has those before it, too
 # Where two cameras do not fit together nothing else can be told before they do.
-LADDER_OF_TWO = (NAMES,)
-MAX_LOOKS, SETTLED_PX = 5, 0.3
+LADDER_OF_TWO = ((*INTRINSICS, *depth_camera_parameters.NAMES), DISTORTION, depth_model.NAMES)
+MAX_LOOKS, SETTLED_PX = 5, 0.5
 LEARNED, HELD_OUT = 0, 1  # every other track
 MAX_FRAMES, MAX_OBSERVATIONS = 300, 30_000
 MIN_OBSERVATIONS = 1000
@@ -76,16 +76,16 @@ def self_calibrate(
     middle_m = camera.depth_model.middle_m if not camera.depth_model.exact else float(np.nanmedian(part.z_m))
     start = CameraParameters(camera, np.zeros(len(NAMES)), middle_m)
     fit = _Fit(T_world_cam, part, moving, timing, jobs, two)
-    model, gain, gain_sigma = _chosen(fit, start, rough)
+    model, gain, gain_sigma, T, parameters = _chosen(fit, start, rough)
     sigma = fit.sigma(start)
     status = np.full(len(NAMES), int(Status.NO_GAIN))
     covariance = np.diag(sigma**2)
-    parameters, free = start, model
-    T = T_world_cam
+    free = model
+    if len(free):  # the kernels of `fine` are sharp: before them all tracks agree roughly
+        T, parameters, _, _ = fit.settled(T, parameters, free, rough, ROUGH_STEPS)
     while len(free):
         start = replace(parameters, theta=np.where(np.isin(np.arange(len(NAMES)), free), parameters.theta, 0.0))
-        T, parameters, _, _ = fit.settled(T, start, free, rough, ROUGH_STEPS)
-        T, parameters, problem, kept = fit.settled(T, parameters, free, fine, FINE_STEPS)
+        T, parameters, problem, kept = fit.settled(T, start, free, fine, FINE_STEPS)
         found = problem.covariance(image_part(kept.px, camera))
         unsure = np.sqrt(np.diag(found)) > MAX_UNCERTAINTY * sigma[free]
         if not unsure.any():
@@ -176,29 +176,32 @@ class _Fit:
         return float(np.nanmax(np.linalg.norm(px[1] - px[0], axis=1)))
 
 
-def _chosen(fit: _Fit, start: CameraParameters, settings: BundleSettings) -> tuple[Ints, float, float]:
-    """The parameters (q,) of the model that held-out tracks speak for; its gain over none, and that's sigma."""
+def _chosen(
+    fit: _Fit, start: CameraParameters, settings: BundleSettings
+) -> tuple[Ints, float, float, Floats, CameraParameters]:
+    """The parameters (q,) of the model that held-out tracks speak for; its gain over none, and that's sigma.
+
+    Also poses (n, 4, 4) and parameters as the other tracks have them.
+    """
     models: list[Ints] = [np.zeros(0, np.int64)]
-    first, parameters, _, _ = fit.settled(fit.T, start, models[0], settings, ROUGH_STEPS, LEARNED)
-    T = first
-    given = fit.measured(start, HELD_OUT)
-    scores = [held_out(first, given, start, settings)]
+    first = fit.settled(fit.T, start, models[0], settings, ROUGH_STEPS, LEARNED)
+    states = [first[:2]]
     for more in LADDER_OF_TWO if fit.two else LADDER:
-        wanted = [name for name in more if parameters.bends or name not in DISTORTION]
+        wanted = [name for name in more if start.bends or name not in DISTORTION]
         if not wanted:
             continue
         free = np.concatenate([models[-1], numbers(*wanted)])
-        T, parameters, _, _ = fit.settled(T, parameters, free, settings, ROUGH_STEPS, LEARNED)
+        T, parameters, _, _ = fit.settled(*states[-1], free, settings, ROUGH_STEPS, LEARNED)
         if parameters.camera.lens_fault():
             break
-        other = given
-        if fit.two:  # the same readings must speak for both
-            other = fit.measured(parameters, HELD_OUT)
-            both = np.isfinite(other.z_m) & np.isfinite(given.z_m)
-            other, before = (replace(each, z_m=np.where(both, each.z_m, np.nan)) for each in (other, given))
-            scores[0] = held_out(first, before, start, settings)
         models.append(free)
-        scores.append(held_out(T, other, parameters, settings))
+        states.append((T, parameters))
+    others = [fit.measured(parameters, HELD_OUT) for _, parameters in states]
+    told = np.all([np.isfinite(other.z_m) for other in others], axis=0)  # the same readings must speak for all
+    scores = [
+        held_out(T, replace(other, z_m=np.where(told, other.z_m, np.nan)), parameters, settings)
+        for (T, parameters), other in zip(states, others, strict=True)
+    ]
     best = int(np.argmax([score.gain_over(scores[0])[0] for score in scores]))
     for smaller in range(best):
         gain, sigma = scores[best].gain_over(scores[smaller])
@@ -209,7 +212,7 @@ def _chosen(fit: _Fit, start: CameraParameters, settings: BundleSettings) -> tup
     if best and not (gain > MIN_GAIN and gain > MIN_GAIN_SIGMAS * sigma):
         best = 0
     LOG.info("calibration: models by held-out tracks %s", [round(s.gain_over(scores[0])[0], 4) for s in scores])
-    return models[best], gain, sigma
+    return models[best], gain, sigma, *states[best]
 
 
 def recalibrated(measured: Measurements, calibration: Calibration) -> Measurements:
