@@ -15,14 +15,16 @@ Method = Literal["dense", "sparse", "gradients"]
 
 DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
 DENSE_SHARE = 0.2
+SPARSE_FROM, SPARSE_SHARE = 100, 0.1  # poses; of few pairs that see each other: the frames of a stretch
 TOLERANCE, MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
 
 
 def fastest_method(poses: int, blocks: int) -> Method:
     """How a system of so many block rows, and blocks in its upper triangle, is solved in the least time."""
+    share = 2 * blocks / max(poses, 1) ** 2
     if poses <= DENSE_UP_TO:
-        return "dense"
-    return "gradients" if blocks > DENSE_SHARE * poses * poses / 2 else "sparse"
+        return "sparse" if poses > SPARSE_FROM and share < SPARSE_SHARE else "dense"
+    return "gradients" if share > DENSE_SHARE else "sparse"
 
 
 class BlockIndex(NamedTuple):

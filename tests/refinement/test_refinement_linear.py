@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.refinement.block_system import DENSE_UP_TO, MOST_STEPS, BlockSystem
+from miniloop_cli.refinement.block_system import DENSE_UP_TO, MOST_STEPS, SPARSE_FROM, BlockSystem
 
 
 def random_system(rng, n, m, held_share=0.0, method=None):
@@ -76,7 +76,14 @@ def test_gradients_of_a_matrix_that_is_not_positive_definite_are_not_believed():
 
 @pytest.mark.parametrize(
     ("n", "reach", "method"),
-    [(DENSE_UP_TO, 1, "dense"), (DENSE_UP_TO + 1, 1, "sparse"), (DENSE_UP_TO + 1, DENSE_UP_TO // 2, "gradients")],
+    [
+        (SPARSE_FROM, 1, "dense"),
+        (SPARSE_FROM + 1, 1, "sparse"),
+        (DENSE_UP_TO, 1, "sparse"),
+        (DENSE_UP_TO, DENSE_UP_TO // 10, "dense"),
+        (DENSE_UP_TO + 1, 1, "sparse"),
+        (DENSE_UP_TO + 1, DENSE_UP_TO // 2, "gradients"),
+    ],
 )
 def test_the_method_follows_the_pattern(n, reach, method):
     i, j = np.triu_indices(n, 1)
