@@ -10,18 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from miniloop_cli.datasets.thumbnails import thumbnail
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.report.viewer.embedded import embedded
 from miniloop_cli.report.viewer.levels import BITS, STEPS, TILE_LEVELS, coarse_first, tiles
-from miniloop_cli.report.viewer.packing import pack_points, unpack_points
+from miniloop_cli.report.viewer.packing import coarser, pack_points, unpack_points
 from miniloop_cli.report.viewer.placed import place
 from miniloop_cli.report.viewer.scene import ellipsoids, scene, speeds
 from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.folder import read_table
 from miniloop_cli.results.ply import write_ply
+from miniloop_cli.results.thumbnails import write_thumbnails
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.scene.sequence import Trajectory
 
@@ -98,6 +100,24 @@ def test_packed_points_come_back(seed):
     steps_back, colors_back = unpack_points(pack_points(steps, colors))
     np.testing.assert_array_equal(steps_back, steps)
     np.testing.assert_array_equal(colors_back, colors)
+
+
+def test_rounded_steps_stay_within_a_sixteenth_of_the_spacing():
+    steps = np.random.default_rng(0).integers(0, 1 << 16, (500, 3)).astype(np.uint16)
+    for spacing in (1.0, 100.0, 4000.0):
+        assert np.abs(coarser(steps, spacing).astype(int) - steps).max() <= max(spacing / 8, 0)
+    np.testing.assert_array_equal(coarser(steps, 1.0), steps)
+    few, many = (len(pack_points(s, np.zeros_like(s, np.uint8))) for s in (coarser(steps, 1000.0), steps))
+    assert few < 0.8 * many
+
+
+def test_a_page_carries_images_of_all_frames_with_or_without_the_recording(run, tmp_path):
+    large, small = embedded(load(run.results, run.sequence), None, Store(tmp_path / "kept"))["pictures"]
+    assert sorted(map(int, [*large["files"], *small["files"]])) == list(range(8))
+    files = {k: thumbnail(np.full((120, 160, 3), 20 * k, np.uint8)) for k in range(8)}
+    write_thumbnails(run.results / "thumbnails.npz", files)
+    large, small = embedded(load(run.results), None, Store(tmp_path / "kept"))["pictures"]
+    assert large["files"] == {} and sorted(map(int, small["files"])) == list(range(8))
 
 
 def cameras_around(up, count=40, pitch_deg=30.0):
@@ -220,7 +240,7 @@ def test_a_report_carries_at_most_so_many_points_and_says_so(run, monkeypatch, t
     view = embedded(load(run.results, run.sequence), None, Store(tmp_path / "kept"))
     assert view["model"]["count"] == 500
     assert view["notes"] == ["500 of the 2,000 points; `miniloop view` shows all."]
-    assert len(view["pictures"]) == 8
+    assert sum(len(size["files"]) for size in view["pictures"]) == 8
     write_ply(run.results / "cloud.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     assert embedded(load(run.results), None, Store(tmp_path / "kept"))["model"] is None
 

@@ -16,9 +16,10 @@ from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.ply import read_ply
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, file_fingerprint
 
-PACKED = Artifact("packed_points", 1)
+PACKED = Artifact("packed_points", 2)
 MOST_POINTS = 2_000_000
 FARTHEST_M = 1e6
+SEVEN_BITS = np.uint8(0xFE)  # of a colour: the eighth is noise, and does not pack
 
 Values = dict[str, Any]
 
@@ -29,14 +30,13 @@ def embedded(data: ReportData, evaluation: Evaluation | None, store: Store) -> V
         return None
     shown = scene(data, evaluation)
     model, points, notes = _model(data, store)
-    pictures = frame_pictures(data.sequence, store) if data.sequence else {}
     if shown["edges"]["left_out"]:
         notes.append(f"{shown['edges']['left_out']} more edges are in edges.csv.")
     return {
         "scene": shown,
         "model": model,
         "points": points,
-        "pictures": {str(k): packing.text(file.tobytes()) for k, file in pictures.items()},
+        "pictures": frame_pictures(data, store).values(),
         "notes": notes,
     }
 
@@ -52,8 +52,9 @@ def _model(data: ReportData, store: Store) -> tuple[Values | None, str, list[str
         sane = np.isfinite(points).all(axis=1) & (np.abs(points) < FARTHEST_M).all(axis=1)
         points, colors = points[sane], colors[sane]
         levels = coarse_first(points).first(MOST_POINTS)
+        steps = packing.coarser(levels.steps, levels.spacing)
         return {
-            "packed": np.frombuffer(packing.pack_points(levels.steps, colors[levels.order]), np.uint8),
+            "packed": np.frombuffer(packing.pack_points(steps, colors[levels.order] & SEVEN_BITS), np.uint8),
             "levels": np.bincount(levels.level),
             "cube": np.r_[levels.corner, levels.side],
             "total": np.array([len(points)]),
