@@ -26,6 +26,7 @@ from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.landmarks import write_landmarks
 from miniloop_cli.results.map_folder import remove_map
 from miniloop_cli.results.ply import write_ply
+from miniloop_cli.results.rejected_matches import write_rejected
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, frame_status, write_csv
 from miniloop_cli.results.thumbnails import write_thumbnails
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
@@ -46,7 +47,7 @@ OF_ONE_RUN = (
     *("thumbnails.npz", "summary.json", "log.txt", "report.html"),
 )
 
-OF_ANY_RUN = ("config.yaml", "camera.yaml", "frames.csv", "edges.csv", "inliers.npz")
+OF_ANY_RUN = ("config.yaml", "camera.yaml", "frames.csv", "edges.csv", "inliers.npz", "rejected.npz")
 FILES = (*OF_ANY_RUN, *reversed(OF_ONE_RUN))  # all of a run, its trajectory last
 
 
@@ -65,6 +66,7 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     write_csv(folder / "frames.csv", FRAME_COLUMNS, frame_rows(run))
     write_csv(folder / "edges.csv", EDGE_COLUMNS, edge_rows(run))
     _write_inliers(run, folder / "inliers.npz")
+    write_rejected(run, folder / "rejected.npz")
     if run.thumbnails:
         write_thumbnails(folder / "thumbnails.npz", run.thumbnails)
     registered = run.poses.registered
@@ -157,7 +159,7 @@ def _write_yaml(run: Registration, path: Path) -> None:
 
 
 def _write_inliers(run: Registration, path: Path) -> None:
-    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
+    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv; none of rejected ones."""
     edges = run.edges
     kept = edges.inliers & np.repeat(edges.open, edges.match_count)
     counts = np.where(edges.open, edges.inlier_count - edges.followed, 0)

@@ -1,5 +1,6 @@
 """What the 3D view is given: points coarse first, packed; frames, edges, pieces; and how its script was built."""
 
+import base64
 import hashlib
 import json
 import re
@@ -16,6 +17,7 @@ from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.report.viewer.embedded import embedded
 from miniloop_cli.report.viewer.levels import BITS, STEPS, TILE_LEVELS, coarse_first, tiles
+from miniloop_cli.report.viewer.matches import unpack_matches
 from miniloop_cli.report.viewer.packing import coarser, pack_points, unpack_points
 from miniloop_cli.report.viewer.placed import place
 from miniloop_cli.report.viewer.scene import ellipsoids, scene, speeds
@@ -190,9 +192,29 @@ def test_frames_edges_and_truth_of_a_run(run):
     verdicts = [edges["verdicts"][v] for v in edges["verdict"]]
     assert verdicts == sorted(verdicts, key=["verified", "weak", "rejected"].index)
     with np.load(run.results / "inliers.npz") as stored:
-        for row, px in zip(rows, edges["px"], strict=True):
+        px, agrees = unpack_matches(base64.b64decode(edges["packed"]))
+        assert agrees.all() and edges["drawn"] == [3] * len(rows)
+        for row, some in zip(rows, px.reshape(-1, 3, 4), strict=True):
             e = next(k for k, edge in enumerate(run.edges) if (edge["i"], edge["j"]) == row)
-            np.testing.assert_allclose(np.reshape(px, (-1, 4))[:, :2], stored["px_i"][3 * e : 3 * e + 3], atol=0.51)
+            np.testing.assert_allclose(some[:, :2], stored["px_i"][3 * e : 3 * e + 3], atol=0.51)
+            np.testing.assert_allclose(some[:, 2:], stored["px_j"][3 * e : 3 * e + 3], atol=0.51)
+
+
+def test_rejected_edges_keep_what_was_matched(run):
+    first = next(k for k, edge in enumerate(run.edges) if edge["verdict"] == "rejected")
+    px = np.array([[10, 20, 30, 40], [300, 500, 70, 65535]], np.uint16)
+    good = {"edges": np.array([first]), "offsets": np.array([0, 2]), "px": px, "agrees": np.array([True, False])}
+    np.savez_compressed(run.results / "rejected.npz", **good)
+    edges = scene(load(run.results), None)["edges"]
+    at = list(zip(edges["i"], edges["j"], strict=True)).index((run.edges[first]["i"], run.edges[first]["j"]))
+    start = sum(edges["drawn"][:at])
+    back, agrees = unpack_matches(base64.b64decode(edges["packed"]))
+    np.testing.assert_array_equal(back[start : start + 2], px)
+    assert edges["drawn"][at] == 2 and agrees[start : start + 2].tolist() == [True, False]
+    for change in ({"edges": np.array([99])}, {"offsets": np.array([0, 3])}, {"px": px[:, :2]}, {"agrees": px}):
+        np.savez_compressed(run.results / "rejected.npz", **(good | change))
+        with pytest.raises(InputError, match=r"rejected\.npz"):
+            load(run.results)
 
 
 def test_a_piece_apart_is_chained_along_its_edges(run):

@@ -5,8 +5,12 @@ import { known, quantile } from "./format.js";
 import { broad, remove, thin } from "./lines.js";
 
 export class Edges {
-  constructor(columns, frames, stage) {
+  /** `matches`: those of all edges as unpackMatches gives them, one edge after the other. */
+  constructor(columns, matches, frames, stage) {
     this.columns = columns;
+    this.matches = matches;
+    this.first = [0];
+    for (const count of columns.drawn) this.first.push(this.first.at(-1) + count);
     this.frames = frames;
     this.stage = stage;
     this.object = new Group();
@@ -68,6 +72,12 @@ export class Edges {
     }
     if (positions.length) this.object.add(this.shown.length > 200 ? thin(positions, colors, 0.45) : broad(positions, colors, 1.8));
     this.stage.invalidate();
+  }
+
+  /** The matches of an edge that can be drawn: { px, agrees }. */
+  drawn(e) {
+    const [from, to] = [this.first[e], this.first[e + 1]];
+    return { px: this.matches.px.subarray(4 * from, 4 * to), agrees: this.matches.agrees.subarray(from, to) };
   }
 
   ends(e) {

@@ -22,6 +22,7 @@ import { Slab } from "./slab.js";
 import { openSource } from "./source.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
+import { fromBase64, unpackMatches } from "./unpack.js";
 
 const CLICK_PX = 5; // a pointer that moved farther turned the view
 
@@ -42,7 +43,7 @@ async function start(viewer) {
   slab.reach(box.low, box.high);
   const navigation = new Navigation(stage, pace, box, heading(stage, frames));
   const cameras = new Cameras(frames, stage);
-  const edges = new Edges(scene.edges, frames, stage);
+  const edges = new Edges(scene.edges, await unpackMatches(fromBase64(scene.edges.packed)), frames, stage);
   const ellipsoids = new Ellipsoids(frames, stage);
   new Labels(stage.canvas.parentElement, frames, stage);
   const ruler = new Measure(stage, part("distance"));

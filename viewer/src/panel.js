@@ -117,6 +117,17 @@ export class Panel {
       ? "points were followed from one frame to the other" : "enough matches agree, and nothing speaks against it";
   }
 
+  /** How many of its matches are drawn, and what the colours of the lines say. */
+  drawnWords(e, agrees) {
+    const { inliers, matches } = this.edges.columns;
+    const agree = agrees.reduce((sum, one) => sum + one, 0), others = agrees.length - agree;
+    const some = (count, all) => (known(all) && all > count ? `${count} of ${all}` : `${count}`);
+    if (!agrees.length) return this.edges.verdict(e) === "rejected" ? "No matches are kept of it." : "No matches that agree are kept of it.";
+    if (!others) return `${some(agree, inliers[e])} matches that agree`;
+    const all = known(matches[e]) && known(inliers[e]) ? matches[e] - inliers[e] : null;
+    return `${some(agree, inliers[e])} matches that agree, in colours; ${some(others, all)} that do not, in red, dashed`;
+  }
+
   /** The matches of an edge on its images; filled in when the images are there. */
   matches(e) {
     const { columns } = this.edges, holder = this.make("figure");
@@ -127,10 +138,8 @@ export class Panel {
       holder.append(this.make("figcaption", "This page does not carry both images; miniloop view shows all."));
       return holder;
     }
-    const px = columns.px[e], count = px.length / 4;
-    const all = known(columns.inliers[e]) && columns.inliers[e] > count ? ` of ${columns.inliers[e]}` : "";
-    const said = count ? `${count}${all} matches that agree` : "No matches that agree are kept of it.";
-    matchPicture(a.src, b.src, px, this.frames.camera.width, `frames ${i} and ${j}: ${said}`)
+    const drawn = this.edges.drawn(e), said = this.drawnWords(e, drawn.agrees);
+    matchPicture(a.src, b.src, drawn, this.frames.camera.width, `frames ${i} and ${j}: ${said}`)
       .then(canvas => holder.replaceChildren(canvas, this.make("figcaption", said)))
       .catch(() => holder.replaceChildren(this.make("figcaption", "Its images cannot be read.")));
     return holder;

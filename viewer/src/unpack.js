@@ -1,4 +1,4 @@
-// Points as miniloop_cli/report/viewer/packing.py packs them: deflated planes of bytes of differences.
+// Points and matches as miniloop_cli/report/viewer packs them (packing.py, matches.py): deflated planes of bytes.
 
 async function inflated(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -28,4 +28,13 @@ export async function unpackPoints(bytes) {
     }
   }
   return { steps, colors };
+}
+
+/** { px: Uint16Array (4 n), u_i v_i u_j v_j of each match; agrees: Uint8Array (n) }; none of no bytes. */
+export async function unpackMatches(bytes) {
+  const planes = bytes.length ? await inflated(bytes) : new Uint8Array();
+  const n = planes.length / 9, px = new Uint16Array(4 * n);
+  for (let k = 0; k < n; k++)
+    for (let c = 0; c < 4; c++) px[4 * k + c] = planes[c * n + k] + (planes[(4 + c) * n + k] << 8);
+  return { px, agrees: planes.slice(8 * n) };
 }

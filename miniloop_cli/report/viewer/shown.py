@@ -101,14 +101,14 @@ def show_model(path: Path, up: str | None) -> Shown:
 def nothing_but_a_model(name: str, up: list[int]) -> dict[str, Any]:
     """The scene of a model without frames."""
     frames = "seconds stamp pose piece status reason found_by keypoints sigma_m sigma_deg error_m speed ellipsoid"
-    edges = "i j solvers solver_words solver verdict rejection reason cycle matches inliers deg m px"
+    edges = "i j solvers solver_words solver verdict rejection reason cycle matches inliers deg m drawn"
     return {
         "name": name,
         "up": up,
         "camera": None,
         "frames": {column: [] for column in frames.split()},
         "edges": {column: [] for column in edges.split()}
-        | {"verdicts": ["verified", "weak", "rejected"], "left_out": 0},
+        | {"verdicts": ["verified", "weak", "rejected"], "left_out": 0, "packed": ""},
         "truth": None,
         "images": False,
     }
