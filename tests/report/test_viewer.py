@@ -21,7 +21,6 @@ from miniloop_cli.report.viewer.matches import unpack_matches
 from miniloop_cli.report.viewer.packing import coarser, pack_points, unpack_points
 from miniloop_cli.report.viewer.placed import place
 from miniloop_cli.report.viewer.scene import ellipsoids, scene, speeds
-from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.folder import read_table
 from miniloop_cli.results.ply import write_ply
@@ -120,29 +119,6 @@ def test_a_page_carries_images_of_all_frames_with_or_without_the_recording(run, 
     write_thumbnails(run.results / "thumbnails.npz", files)
     large, small = embedded(load(run.results), None, Store(tmp_path / "kept"))["pictures"]
     assert large["files"] == {} and sorted(map(int, small["files"])) == list(range(8))
-
-
-def cameras_around(up, count=40, pitch_deg=30.0):
-    """Cameras that turn about `up`, looking down by `pitch_deg`."""
-    yaw = np.linspace(0, 2, count)
-    turned = se3.exp_so3(yaw[:, None] * np.array([0, -1.0, 0])) @ se3.exp_so3(np.array([-np.radians(pitch_deg), 0, 0]))
-    axis = np.cross([0, -1.0, 0], up)
-    R = se3.exp_so3(axis / np.linalg.norm(axis) * np.arccos(-up[1]))
-    return se3.pose(R @ turned, np.zeros((count, 3)))
-
-
-@given(st.integers(0, 9999))
-def test_up_is_found_from_level_cameras(seed):
-    up = np.random.default_rng(seed).normal(size=3)
-    up /= np.linalg.norm(up)
-    np.testing.assert_allclose(up_direction(cameras_around(up)), up, atol=1e-6)
-
-
-def test_up_without_turns_is_against_the_cameras_down():
-    T = np.repeat(np.eye(4)[None], 5, axis=0)
-    np.testing.assert_allclose(up_direction(T), [0, -1, 0])
-    np.testing.assert_allclose(up_direction(T, leveled=True), [0, 0, 1])
-    np.testing.assert_allclose(up_direction(T[:0]), [0, -1, 0])
 
 
 def test_ellipsoids_are_the_covariance_of_the_position():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.report.viewer.upward import up_direction
+from miniloop_cli.geometry.upward import up_direction
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.folder import column
 from miniloop_cli.scene.interpolation import nearest

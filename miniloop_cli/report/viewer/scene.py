@@ -8,11 +8,11 @@ import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.upward import up_direction
 from miniloop_cli.report.charts import named
 from miniloop_cli.report.viewer import packing
 from miniloop_cli.report.viewer.matches import drawn_matches
 from miniloop_cli.report.viewer.placed import Placed, place
-from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import Edges, ReportData
 from miniloop_cli.results.folder import LARGEST
 from miniloop_cli.scene.interpolation import nearest
