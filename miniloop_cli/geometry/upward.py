@@ -42,3 +42,12 @@ def to_y_up(T_world_cam: Floats, leveled: bool = False) -> Floats:
         x = np.cross(np.eye(3)[np.abs(y).argmin()], y)
     x /= np.linalg.norm(x)
     return se3.pose(np.stack([x, y, np.cross(x, y)]), np.zeros(3))
+
+
+def smallest_turn(a: Floats, b: Floats) -> Floats:
+    """(3, 3) the smallest rotation that takes the unit vector a to b."""
+    axis, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-9:
+        return se3.exp_so3(np.pi * np.linalg.svd(a[None])[2][1])
+    W = se3.hat(axis)
+    return np.eye(3) + W + W @ W / (1 + cosine)

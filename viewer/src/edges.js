@@ -33,6 +33,11 @@ export class Edges {
     return known(deg[e]) && known(m[e]) ? deg[e] + 50 * m[e] : null;
   }
 
+  /** What an edge is called: by its frames. */
+  name(e) {
+    return [this.columns.i[e], this.columns.j[e]].map(k => this.frames.name(k)).join("–");
+  }
+
   verdict = e => this.columns.verdicts[this.columns.verdict[e]];
 
   color(e) {
@@ -56,6 +61,7 @@ export class Edges {
     if (this.mode === "none") return [];
     if (this.mode === "selected") return this.drawable.filter(e => [this.columns.i[e], this.columns.j[e]].includes(this.frame));
     if (this.mode === "all") return this.drawable;
+    if (this.mode === "between") return this.drawable.filter(e => this.frames.recording(this.columns.i[e]) !== this.frames.recording(this.columns.j[e]));
     const verdicts = this.mode === "verified" ? ["verified"] : ["verified", "weak"];
     return this.drawable.filter(e => verdicts.includes(this.verdict(e)));
   }

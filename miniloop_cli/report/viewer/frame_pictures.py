@@ -6,7 +6,7 @@ them; of other recordings they are made here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from miniloop_cli.report.viewer import packing
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.thumbnails import read_thumbnails
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store
-from miniloop_cli.scene.sequence import Sequence
+from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.typing import Bytes, Ints
 
 FRAME_PICTURES = Artifact("frame_pictures", 2)
@@ -35,27 +35,37 @@ class FramePictures:
     large: Mapping[int, Bytes]
     small: Mapping[int, Bytes]
 
+    @staticmethod
+    def of_several(recordings: Sequence[FramePictures], first: Sequence[int]) -> FramePictures:
+        """Those of recordings whose frames are counted through, beginning with first[r]."""
+        numbered = list(zip(recordings, first, strict=False))
+        large = {k + begin: file for one, begin in numbered for k, file in one.large.items()}
+        return FramePictures(large, {k + begin: file for one, begin in numbered for k, file in one.small.items()})
+
     def values(self) -> list[dict[str, object]]:
         """For JSON: of each size what all its files begin with, and how each goes on, as base64 that can be joined."""
         return [_shared({k: file.tobytes() for k, file in files.items()}) for files in (self.large, self.small)]
 
 
-def frame_pictures(data: ReportData, store: Store) -> FramePictures:
-    """Pictures of the frames of a run; those that cannot be had are left out. Raises InputError for a damaged file."""
+def frame_pictures(data: ReportData, store: Store, share: int = 1) -> FramePictures:
+    """Pictures of the frames of a run; those that cannot be had are left out. Raises InputError for a damaged file.
+
+    `share`: runs that the page shows together.
+    """
     kept = read_thumbnails(data.results.root / "thumbnails.npz")
     n = len(data.frames)
     large: dict[int, Bytes] = {}
     if data.sequence:
         shown = np.unique(np.concatenate([data.edges.i, data.edges.j]))
         shown = shown[shown < len(data.sequence.frames)]
-        large = _read(data.sequence, shown[_spread(len(shown), MOST_LARGE)], WIDTH_PX, QUALITY, store)
+        large = _read(data.sequence, shown[_spread(len(shown), MOST_LARGE // share)], WIDTH_PX, QUALITY, store)
     rest = np.setdiff1d(sorted(k for k in kept if k < n) if kept else np.arange(n), sorted(large))
     if kept:
-        return FramePictures(large, {int(k): kept[int(k)] for k in rest[_spread(len(rest), MOST_SMALL)]})
+        return FramePictures(large, {int(k): kept[int(k)] for k in rest[_spread(len(rest), MOST_SMALL // share)]})
     if data.sequence is None:
         return FramePictures(large, {})
     rest = rest[rest < len(data.sequence.frames)]
-    return FramePictures(large, _read(data.sequence, rest[_spread(len(rest), MOST_READ)], 0, 0, store))
+    return FramePictures(large, _read(data.sequence, rest[_spread(len(rest), MOST_READ // share)], 0, 0, store))
 
 
 def _spread(count: int, most: int) -> Ints:
@@ -66,7 +76,7 @@ def _spread(count: int, most: int) -> Ints:
 _NONE = np.zeros(0, np.int64)
 
 
-def _read(sequence: Sequence, numbers: Ints, width: int, quality: int, store: Store) -> dict[int, Bytes]:
+def _read(sequence: Recording, numbers: Ints, width: int, quality: int, store: Store) -> dict[int, Bytes]:
     """JPEG files of these frames of a recording, thumbnails for width 0."""
 
     def drawn() -> Arrays:
