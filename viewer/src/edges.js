@@ -38,6 +38,11 @@ export class Edges {
     return [this.columns.i[e], this.columns.j[e]].map(k => this.frames.name(k)).join("–");
   }
 
+  /** Whether an edge leads from one recording to another. */
+  joins(e) {
+    return this.frames.recording(this.columns.i[e]) !== this.frames.recording(this.columns.j[e]);
+  }
+
   verdict = e => this.columns.verdicts[this.columns.verdict[e]];
 
   color(e) {
@@ -61,7 +66,7 @@ export class Edges {
     if (this.mode === "none") return [];
     if (this.mode === "selected") return this.drawable.filter(e => [this.columns.i[e], this.columns.j[e]].includes(this.frame));
     if (this.mode === "all") return this.drawable;
-    if (this.mode === "between") return this.drawable.filter(e => this.frames.recording(this.columns.i[e]) !== this.frames.recording(this.columns.j[e]));
+    if (this.mode === "between") return this.drawable.filter(e => this.joins(e) && this.verdict(e) !== "rejected");
     const verdicts = this.mode === "verified" ? ["verified"] : ["verified", "weak"];
     return this.drawable.filter(e => verdicts.includes(this.verdict(e)));
   }
