@@ -21,7 +21,7 @@ from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.presets import keys
 
 ROOTS = {"miniloop": cli, "python -m benchmarks": benchmarks}
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES_BESIDE = [ROOT / "BENCHMARK.md", ROOT / "CHANGELOG.md"]
 
 
@@ -78,14 +78,14 @@ def test_settings_page_is_up_to_date():
 
 
 def text_of(name):
-    """The block of extending.md that is marked so."""
-    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    """The block of developers.md that is marked so."""
+    text = (ROOT / "docs" / "developers.md").read_text(encoding="utf-8")
     return re.search(rf"<!-- test: {name} -->\n```\w+\n(.*?)```", text, re.DOTALL)[1]
 
 
 def block(name, folder):
-    """The Python block of extending.md that is marked so, as a module saved in `folder`: compilers ask for its file."""
-    path = folder / f"extending_{name}.py"
+    """The Python block of developers.md that is marked so, as a module saved in `folder`: compilers ask for its file."""
+    path = folder / f"developers_{name}.py"
     path.write_text(text_of(name), encoding="utf-8")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
