@@ -43,3 +43,10 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         return f"]({up}repository/{name if name.endswith('.md') else name + '.txt'}{anchor})"
 
     return re.sub(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)", moved, markdown)
+
+
+def on_page_content(html: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Examples of the command line keep their lines."""
+    if page.file.src_uri != "cli.md":
+        return html
+    return re.sub(r"<p>((?:Examples?|Start here|Needs):.*?)</p>", r"<pre><code>\1</code></pre>", html, flags=re.DOTALL)

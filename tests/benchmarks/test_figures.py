@@ -33,7 +33,8 @@ def test_every_page_is_up_to_date():
 
 
 def test_marks_are_filled_and_all_else_stays(figures):
-    text = "An error of <!--=walk.ate-->9<!--/--> cm, <!--=walk.peak--><!--/--> MB.\n\n<!--table=walk.all--><!--/table-->\n"
+    text = "An error of <!--=walk.ate-->9<!--/--> cm, <!--=walk.peak--><!--/--> MB.\n\n"
+    text += "<!--table=walk.all--><!--/table-->\n"
     table = '|  | ATE | said |\n|---|---:|---|\n| slow | 0.25 | a [b] |\n| fast | - | a "b" |'
     made = pages.filled(text, figures)
     assert made == (
