@@ -11,6 +11,8 @@ from miniloop_cli.setting_choices import OneOf
 
 
 class Section(BaseModel):
+    """A section of the settings; frozen, without unknown keys."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 

@@ -100,7 +100,9 @@ def test_the_products_of_a_factorisation_are_those_of_its_columns(reach):
     near = j - i <= reach
     pattern = BlockPattern(n, i[near], j[near])
     below = np.minimum(reach, n - 1 - np.arange(n))
-    assert (216 * (below**2).sum()) == pytest.approx(pattern.products, rel=0.25)  # minimum degree may do a little better
+    assert (216 * (below**2).sum()) == pytest.approx(
+        pattern.products, rel=0.25
+    )  # minimum degree may do a little better
 
 
 def test_block_numbers_in_either_order():

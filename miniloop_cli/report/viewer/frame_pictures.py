@@ -15,7 +15,7 @@ MOST_PICTURES = 600  # some 10 kB each
 
 
 def pictured(count: int) -> Ints:
-    """Which of `count` frames a page carries images of: all, or evenly spaced ones."""
+    """The frames (k,) of `count` whose images a page carries: all, or evenly spaced ones."""
     return np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(np.int64)) if count else _NONE
 
 
@@ -23,7 +23,7 @@ _NONE = np.zeros(0, np.int64)
 
 
 def frame_pictures(sequence: Sequence, store: Store) -> dict[int, Bytes]:
-    """JPEG files of `pictured` frames, WIDTH_PX wide, by frame; those whose images cannot be read are left out."""
+    """JPEG files (n,) of `pictured` frames, WIDTH_PX wide, by frame, without images that cannot be read."""
     numbers = pictured(len(sequence.frames))
 
     def drawn() -> Arrays:

@@ -24,7 +24,7 @@ def pack_points(steps: NDArray[np.uint16], colors: Bytes) -> bytes:
 
 
 def unpack_points(packed: bytes) -> tuple[NDArray[np.uint16], Bytes]:
-    """The steps and colours that `pack_points` was given: the inverse, as the page does it."""
+    """Steps (n, 3) and colours (n, 3) from the bytes of `pack_points`."""
     planes = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(9, -1)
     jumps = planes[0:6:2].astype(np.uint16) | (planes[1:6:2].astype(np.uint16) << 8)
     return np.cumsum(jumps.T, axis=0, dtype=np.uint16), np.cumsum(planes[6:].T, axis=0, dtype=np.uint8)
