@@ -179,12 +179,14 @@ def _joined(
     from miniloop_cli.mapping.alone import map_of
     from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.join import join
+    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
     if len(parts) == 1:
         return map_of(parts[0], settings.model_dump(), seed)
     with single_inner_threads():
-        return join(parts, settings, Run(store, workers, seed), solved)
+        run = Run(store, workers, seed)
+        return examined(join(parts, settings, run, solved), settings, run)
 
 
 def _write(
