@@ -6,9 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from miniloop_cli.export.mesh_file import to_y_up, write_mesh
+from miniloop_cli.export.mesh_file import write_mesh
 from miniloop_cli.export.mesh_model import Mesh, Texture
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.upward import to_y_up
 
 trimesh = pytest.importorskip("trimesh")
 PAINT = [[230, 20, 20], [20, 230, 20], [20, 20, 230], [230, 230, 20]]
