@@ -86,7 +86,10 @@ class Map:
 
     def _located(self, color: Bytes, depth_m: Floats32 | None, camera: Camera, rough: bool) -> Location:
         timing = next((part.timing for part in self.content.parts if part.camera == camera), Timing())
-        query = query_of(color, depth_m, camera, self.settings.features, self.settings.depth, rough, timing)
+        features = self.settings.features
+        if any(len(part) < len(part.frame) for part in self.content.parts):  # its frames were followed
+            features = features.of_keyframes(color.shape[1], color.shape[0])
+        query = query_of(color, depth_m, camera, features, self.settings.depth, rough, timing)
         found = self.locator.locate(query)
         if found.focal_px is None:
             return found

@@ -126,6 +126,8 @@ def joined_arrays(joined: Joined) -> Arrays:
         "of_feature": joined.landmarks.of_feature.astype(np.int32),
         "words": joined.retrieval.words,
         "vectors": joined.retrieval.vectors.astype(np.float16),
+        "doubts": np.array(joined.doubts, np.str_),
+        "proof": np.array([joined.certified, joined.relative_gap], float),
     }
     for a, b in joined.solved:
         arrays |= _edge_arrays(joined.solved[a, b], f"solved_{a}_{b}_")
@@ -145,6 +147,9 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
             arrays["points_m"].astype(float), _symmetric(arrays["points_covariance"]), arrays["of_feature"].astype(int)
         ),
         Retrieval(arrays["words"], arrays["vectors"].astype(np.float32)),
+        tuple(arrays["doubts"].tolist()),
+        bool(arrays["proof"][0]),
+        float(arrays["proof"][1]),
     )
 
 
