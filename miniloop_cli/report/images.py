@@ -26,12 +26,12 @@ def png(rgb: Bytes) -> Bytes:
 
 
 def data_uri(file: Bytes, kind: str = "jpeg") -> str:
-    """The bytes of an image file of this kind (jpeg or png) as a data URI."""
+    """The bytes (n,) of an image file of this kind (jpeg or png) as a data URI."""
     return f"data:image/{kind};base64,{base64.b64encode(file.tobytes()).decode('ascii')}"
 
 
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, float] | None:
-    """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
+    """Colour (h, width, 3) of a frame and its scale; None if it cannot be read."""
     try:
         color = read_color(sequence.frames[index].color)
     except (InputError, IndexError):

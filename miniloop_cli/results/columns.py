@@ -54,13 +54,13 @@ class Edges:
 
     @cached_property
     def by_residual(self) -> Ints:
-        """All edges, the largest residual first, those without one last; 1 degree counts as 2 cm."""
+        """Rows (m,) of all edges by falling residual, those without one last; 1 degree counts as 2 cm."""
         score = self.rot_deg + 50 * self.trans_m
         return np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
 
     @cached_property
     def worst_first(self) -> Ints:
-        """Verified edges that have residuals, the largest first."""
+        """Rows (k,) of verified edges that have residuals, the largest first."""
         order = self.by_residual
         return order[self.verified[order] & np.isfinite(self.rot_deg + self.trans_m)[order]]
 

@@ -200,7 +200,7 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32,
 
 
 def modelled(run: Registration) -> Ints:
-    """Frames that the model is made of: registered scans; what lies between keyframes shows hardly anything else."""
+    """Frames (k,) that the model is made of: registered scans. Frames between keyframes add hardly anything."""
     return np.intersect1d(run.poses.registered, run.scan_frames)
 
 

@@ -123,19 +123,22 @@ class TrackedPart(FrameMotions):
         )
 
     def set(self, frame: int, status: TrackStatus, problem: str = "") -> None:
+        """Set the status of a frame, and why it is so."""
         self.status[frame - self.first] = status
         self.problem[frame - self.first] = problem[:400]
 
     def link(self, frame: int, key: int, motion: Link) -> None:
+        """Set the motion of a frame since its keyframe."""
         row = frame - self.first
         self.key[row], self.T_cam_key[row], self.information[row] = key, motion.T_cam_key, motion.information
         self.support[row], self.by_surface[row] = motion.support, motion.by_surface
 
     def observe(self, seen: Observations) -> None:
+        """Add what a frame sees of followed points."""
         self.seen.append(seen)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of it by name."""
+        """All arrays (n, ...) by name."""
         seen = Observations.joined(self.seen)
         own = {name: getattr(self, name) for name in COLUMNS}
         pictures = {f"{PICTURE}{k}": file for k, file in self.thumbnails.items()}
@@ -144,7 +147,7 @@ class TrackedPart(FrameMotions):
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> TrackedPart:
-        """The part that `arrays` gave."""
+        """The part that `arrays` (n, ...) gave."""
         own = {name: arrays[name] for name in COLUMNS}
         seen = Observations(*(arrays[f"seen_{c.name}"] for c in fields(Observations)))
         pictures = {int(name.removeprefix(PICTURE)): a for name, a in arrays.items() if name.startswith(PICTURE)}
@@ -178,7 +181,7 @@ class Tracked(FrameMotions):
 
     @property
     def keyframes(self) -> Ints:
-        """Frame numbers of the keyframes, ascending."""
+        """Frame numbers (k,) of the keyframes, ascending."""
         return np.flatnonzero(self.status == TrackStatus.KEYFRAME)
 
     def all_poses(self, keyframe_poses: Poses) -> Poses:

@@ -91,7 +91,7 @@ def test_open3d_reads_them_too(painted, tmp_path, suffix):
     if suffix == ".ply":  # of PLY, Open3D reads no texture
         return
     # It has an empty texture for triangles without a material, whether there are any or not.
-    (image,) = (np.asarray(texture)[..., :3] for texture in mesh.textures if np.asarray(texture).ndim == 3)
+    (image,) = (np.asarray(texture)[..., :3] for texture in mesh.textures if not texture.is_empty())
     uv = np.asarray(mesh.triangle_uvs)
     assert image.shape == (64, 128, 3)
     at = vertices[triangles].reshape(-1, 3)

@@ -29,7 +29,7 @@ def pack_points(steps: NDArray[np.uint16], colors: Bytes) -> bytes:
 
 
 def unpack_points(packed: bytes) -> tuple[NDArray[np.uint16], Bytes]:
-    """The steps and colours that `pack_points` was given: the inverse, as the page does it."""
+    """Steps (n, 3) and colours (n, 3) from the bytes of `pack_points`."""
     planes = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(9, -1)
     jumps = planes[0:6:2].astype(np.uint16) | (planes[1:6:2].astype(np.uint16) << 8)
     shades = planes[6:].T + np.array([[1, 0, 1]], np.uint8) * planes[7][:, None]

@@ -1,0 +1,104 @@
+"""A map while the processes that change it are killed: it is as it was or finished, and going on works."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.errors import MiniloopError
+from miniloop_cli.results.map_files import up_to_date
+from miniloop_cli.results.map_folder import FOLDER, manifest_hash, read_map
+
+CLOSE_S = 0.5  # after the first file of the new map is there: half of the kills come within this time
+SIGNALS = signal.SIGKILL, signal.SIGTERM
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a killed `add` left the map: whether it is the old or the new one, and whether it is read whole."""
+
+    how: str
+    changed: bool
+    files_left: bool  # files beside the map were not written any more
+    seconds: float
+    reads: int  # of the map by another process meanwhile
+
+
+def adding(folder: Path, sequence: Path) -> list[str]:
+    """The command line that adds a recording to the map of a folder."""
+    return [sys.executable, "-m", "miniloop_cli", "add", str(folder), str(sequence), "-q", "-j", "1"]
+
+
+def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, wait_s: float, near_end: bool) -> Ended:
+    """One `add` killed `wait_s` after its start, or after it began to write the new map; checked against `after`.
+
+    Meanwhile the map is read again and again. Raises MiniloopError where the map is neither what it was nor `after`.
+    """
+    before, names = manifest_hash(folder), set((folder / FOLDER).iterdir())
+    process = subprocess.Popen(adding(folder, sequence), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    begin, due, reads = time.perf_counter(), np.inf if near_end else wait_s, 0
+    while process.poll() is None and time.perf_counter() - begin < due:
+        if near_end and due == np.inf and set((folder / FOLDER).iterdir()) - names:
+            due = time.perf_counter() - begin + wait_s
+        if near_end and due < np.inf:
+            time.sleep(0.001)
+            continue
+        read_map(folder)  # raises for half a map
+        reads += 1
+        time.sleep(0.02)
+    how = "ended by itself" if process.poll() is not None else sent.name
+    process.send_signal(sent)
+    process.wait()
+    seconds, now = time.perf_counter() - begin, manifest_hash(folder)
+    read_map(folder)
+    if now not in (before, after):
+        raise MiniloopError(f"{folder}: {sent.name} after {seconds:.2f} s left a map that nobody wrote")
+    return Ended(how, now != before, not up_to_date(folder), seconds, reads)
+
+
+def show_kills(folder: Path, sequence: Path, count: int, seed: int = 0) -> None:
+    """So many kills of `miniloop add` to copies of the map; then two processes at once."""
+    rng, said = np.random.default_rng(seed), Counter[str]()
+    with _copied(folder) as copy:
+        begin = time.perf_counter()
+        subprocess.run(adding(copy, sequence), check=True)
+        seconds, after = time.perf_counter() - begin, manifest_hash(copy)
+    for k in range(count):
+        with _copied(folder) as copy:
+            near_end = bool(k % 2)
+            wait_s = float(rng.uniform(0, CLOSE_S if near_end else seconds))
+            ended = killed_once(copy, sequence, after, SIGNALS[k // 2 % 2], wait_s, near_end)
+            again = subprocess.run(adding(copy, sequence), capture_output=True, text=True, check=False)
+            refused = "is in the map already" in again.stderr
+            if refused != ended.changed or manifest_hash(copy) != after or not up_to_date(copy):
+                raise MiniloopError(f"after {ended}, adding again left {copy} unfinished: {again.stderr.strip()}")
+            state = "finished" if ended.changed else "as it was"
+            left = ", files beside it written by the next command" if ended.changed and ended.files_left else ""
+            said[f"{ended.how}: the map is {state}{left}"] += 1
+            said["reads meanwhile, all whole"] += ended.reads
+    print(f"add takes {seconds:.1f} s; {count} were killed, and went on when they were called again")
+    for line, times in sorted(said.items()):
+        print(f"{times:5d} {line}")
+    with _copied(folder) as copy:
+        both = [subprocess.Popen(adding(copy, sequence), stderr=subprocess.PIPE, text=True) for _ in range(2)]
+        told = [process.communicate()[1].strip() for process in both]
+        print("two at once:", ", ".join(f"status {p.returncode} {t}" for p, t in zip(both, told, strict=True)))
+        if manifest_hash(copy) != after:
+            raise MiniloopError(f"two processes at {copy} left a map that neither wrote")
+
+
+@contextmanager
+def _copied(folder: Path) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as temporary:
+        yield Path(shutil.copytree(folder, Path(temporary) / folder.name))
