@@ -40,7 +40,7 @@ def tenths(values: ArrayLike) -> list[float]:
 
 
 def spread(count: int, most: int) -> Ints:
-    """Rows of `count`, ascending: all, or `most` evenly spaced ones, the first and the last among them."""
+    """(k,) rows of `count`, ascending: all, or `most` evenly spaced ones, the first and the last among them."""
     if count <= most:
         return np.arange(count)
     return np.linspace(0, count - 1, most).round().astype(np.int64)

@@ -285,7 +285,6 @@ def test_several_recordings_need_a_folder_and_know_what_is_for_one(recordings, t
     assert not (tmp_path / "x").exists()
 
 
-<<<<<<< HEAD
 def test_all_recordings_stand_in_one_view(office):
     folder = office[0]
     content = read_map(folder)
@@ -319,7 +318,8 @@ def test_all_recordings_stand_in_one_view(office):
     assert shown.answer("frame/12.jpg") is None
     page = (folder / "report.html").read_text()
     assert 'id="v-scene"' in page and "default-src 'none'; img-src data:" in page
-=======
+
+
 def test_recordings_of_a_room_that_looks_alike_when_half_turned_are_no_sure_thing(shared):
     """The second goes on where the first ends, and most of what it shows looks like what the first shows."""
     room = SimulationSettings(frames=36, width=240, height=180, alike="half-turn")
@@ -330,4 +330,3 @@ def test_recordings_of_a_room_that_looks_alike_when_half_turned_are_no_sure_thin
     assert done.returncode == 1 and "the result is doubtful" in done.stderr
     reasons = json.loads((shared / "alike" / "summary.json").read_text())["verdict"]["reasons"]
     assert any(reason.startswith("joined to the others, begin is bent between frames ") for reason in reasons)
->>>>>>> issue25

@@ -137,7 +137,7 @@ def truth_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def edge_values(data: ReportData, posed: Bools) -> Values:
-    """Columns, one entry an edge between frames that are placed or not; texts that repeat are numbered.
+    """Columns, one entry an edge; `posed` (n,): frames that are placed. Texts that repeat are numbered.
 
     `drawn`: how many of the matches in `packed` are of each edge.
     """
@@ -167,14 +167,14 @@ def edge_values(data: ReportData, posed: Bools) -> Values:
 
 
 def chosen(edges: Edges) -> Ints:
-    """Rows of the edges that are shown: verified, then weak, then rejected, each with the largest residuals first."""
+    """(k,) rows of the edges that are shown: verified, then weak, then rejected, each with the largest residuals first."""
     order = edges.by_residual
     rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     return order[np.argsort(rank, kind="stable")][:MOST_EDGES]
 
 
 def rounded(values: Floats, digits: int) -> list[Any]:
-    """Numbers for JSON; None for what is not finite."""
+    """Numbers (n,) for JSON; None for what is not finite."""
     known = zip(np.asarray(values, float).tolist(), np.isfinite(values), strict=True)
     if digits == 0:
         return [round(value) if ok else None for value, ok in known]
