@@ -179,21 +179,25 @@ def _joined(
     from miniloop_cli.mapping.alone import map_of
     from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.join import join
+    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
     if len(parts) == 1:
         return map_of(parts[0], settings.model_dump(), seed)
     with single_inner_threads():
-        return join(parts, settings, Run(store, workers, seed), solved)
+        run = Run(store, workers, seed)
+        return examined(join(parts, settings, run, solved), settings, run)
 
 
 def _extended(before: SceneMap, part: MapPart, settings: Settings, store: Store, workers: Workers) -> SceneMap:
     from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.extend import extend
+    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
     with single_inner_threads():
-        return extend(before, part, settings, Run(store, workers, before.seed))
+        run = Run(store, workers, before.seed)
+        return examined(extend(before, part, settings, run), settings, run)
 
 
 def _write(
@@ -224,7 +228,7 @@ def _write(
                 poses[part.frame] = T
                 write_run(replace(run, poses=replace(run.poses, T_world_cam=poses)), target / part.name, workers, store)
     numbers = write_map_files(target, scene_map, extra)
-    write_map_page(target, scene_map, numbers)
+    write_map_page(target, scene_map, numbers, store)
     return numbers
 
 

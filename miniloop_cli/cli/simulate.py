@@ -10,7 +10,7 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
-ALIKE = ("nothing", "half-turn", "rooms")
+ALIKE = ("nothing", "half-turn", "rooms", "furniture")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 

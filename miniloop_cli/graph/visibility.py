@@ -25,11 +25,24 @@ def sample_points(points: Sequence[ScanPoints]) -> Floats:
     return chosen
 
 
-def partners(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera, most: int) -> list[Pair]:
-    """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted."""
+def partners(
+    T_world_cam: Floats,
+    scans: Ints,
+    points: Sequence[ScanPoints],
+    camera: Camera,
+    most: int,
+    group: Ints | None = None,
+) -> list[Pair]:
+    """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted.
+
+    `group` (n,) of each scan: only pairs across groups.
+    """
     views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
+    own = None if group is None else group[scans]
     for a in range(len(scans)):  # row by row: of a long recording, all pairs do not fit in memory
         share = _mutual_shares(a, *views, MIN_SHARE)
+        if own is not None:
+            share[own == own[a]] = 0.0
         near = np.flatnonzero(share >= MIN_SHARE)
         for b in near[np.argsort(-share[near], kind="stable")][:most]:
             pairs.add((int(min(scans[a], scans[b])), int(max(scans[a], scans[b]))))
