@@ -86,6 +86,36 @@ def joined(sequences: tuple[Path, ...]) -> None:
     show_joined(sequences)
 
 
+@benchmarks.command(name="add", context_settings=CONTEXT, short_help="A recording added to a map: cost, difference.")
+@SEQUENCES
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="A setting; may be repeated.")
+def added(sequences: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
+    """The last SEQ added to the map of the others: seconds, bytes, and the difference to registering all together.
+
+    \b
+    Example:   python -m benchmarks add path/to/monday path/to/tuesday path/to/wednesday
+    """
+    from benchmarks.map_growth import show_added
+
+    show_added(sequences, overrides)
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="`miniloop add` killed at random moments.")
+@click.argument("result", type=FOLDER)
+@click.argument("sequence", type=FOLDER)
+@click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="How often it is killed.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the moments.")
+def kills(result: Path, sequence: Path, count: int, seed: int) -> None:
+    """SEQUENCE added to copies of the map of RESULT, killed at random moments, then once more; hashes are checked.
+
+    \b
+    Example:   python -m benchmarks kills results/office path/to/kitchen --count 20
+    """
+    from benchmarks.map_kills import show_kills
+
+    show_kills(result, sequence, count, seed)
+
+
 @benchmarks.command(name="color-icp", context_settings=CONTEXT, short_help="Poses before and after colour ICP.")
 @click.argument("result", type=FOLDER)
 @click.argument("sequence", type=FOLDER)
@@ -101,17 +131,14 @@ def color_icp(result: Path, sequence: Path, edges: Path | None) -> None:
     show(result, sequence, edges)
 
 
-@benchmarks.command(context_settings=CONTEXT, short_help="miniloop beside others; writes BENCHMARK.md.")
+@benchmarks.command(context_settings=CONTEXT, short_help="miniloop beside others; writes results.json.")
 @SEQUENCES
 @click.option(
     "--results", type=click.Path(file_okay=False, path_type=Path), default=Path("results/benchmark"), show_default=True
 )
 @click.option("--part", "parts", multiple=True, help="Measure only this part again; may be repeated.")
 @click.option("--without", multiple=True, help="Leave this part out; may be repeated.")
-@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
-def run(
-    sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], without: tuple[str, ...], output: Path
-) -> None:
+def run(sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], without: tuple[str, ...]) -> None:
     """miniloop and others on the same frames, one after the other, each in a process of its own.
 
     Parts that are not measured keep what the results folder holds of them. Part "scaling" (simulated recordings of
@@ -124,22 +151,38 @@ def run(
     """
     from benchmarks.side_by_side.run import run as measure
 
-    measure(sequences, results, output, parts, without)
+    measure(sequences, results, parts, without)
 
 
-@benchmarks.command(context_settings=CONTEXT, short_help="One section of BENCHMARK.md from measured rows.")
+@benchmarks.command(context_settings=CONTEXT, short_help="Measured rows into results.json.")
 @click.argument("name", type=click.Choice(["whole", "growth"]))
 @click.argument("rows", type=FILE)
-@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
-def section(name: str, rows: Path, output: Path) -> None:
-    """Put the table of `whole` or `growth` into BENCHMARK.md; ROWS is what the command wrote with --json.
+def record(name: str, rows: Path) -> None:
+    """Put the table of `whole` or `growth` into results.json; ROWS is what the command wrote with --json.
 
     \b
-    Example:   python -m benchmarks section whole whole.json
+    Example:   python -m benchmarks record whole whole.json
     """
-    from benchmarks.side_by_side.report import read, update
+    from benchmarks.side_by_side.report import read, record_rows
 
-    update(name, read(rows)["rows"], output)
+    record_rows(name, read(rows)["rows"])
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="Figures of README and docs from results.json.")
+@click.option("--check", is_flag=True, help="Write nothing; exit status 1 if a page is not up to date.")
+def figures(check: bool) -> None:
+    """Every figure of README, BENCHMARK.md and docs from benchmarks/results.json, and the list docs/figures.md.
+
+    \b
+    Example:   python -m benchmarks figures
+    """
+    from benchmarks.figures.pages import ROOT, update
+    from benchmarks.figures.store import FigureError, load
+
+    stale = [page.relative_to(ROOT).as_posix() for page in update(load(), check)]
+    if check and stale:
+        raise FigureError(f"not up to date: {', '.join(stale)}; run python -m benchmarks figures")
+    click.echo(f"{len(stale)} pages changed" if stale else "all pages are up to date")
 
 
 if __name__ == "__main__":

@@ -207,6 +207,7 @@ def _registration(
         refined.landmarks,
         refined.velocity,
         calibration,
+        tracked.thumbnails if tracked else {},
     )
 
 

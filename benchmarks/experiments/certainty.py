@@ -1,4 +1,7 @@
-"""How often "it worked" is wrong: recordings of places that look alike, turntables, jumps, with exact truth."""
+"""How often "it worked" is wrong: recordings of places that look alike, turntables, jumps, with exact truth.
+
+Some are two recordings, registered to one map: of one room, or of two rooms.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,10 @@ from matplotlib.figure import Figure
 
 from miniloop_cli.bench import Row
 from miniloop_cli.bench.overlaps import open_with_truth
+from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
+from miniloop_cli.maps import register_many
 from miniloop_cli.pipeline import register
 from miniloop_cli.presets import load_settings
 from miniloop_cli.results.assessment import Level, assess_run
@@ -36,7 +41,21 @@ CASES: dict[str, dict[str, Any]] = {
     "rooms alike": {"alike": "rooms", "rooms": 2, "frames": 60, "rate_hz": 3.0},
     "cuts": {"cuts": 2, "frames": 30},
     "cuts, a walk": {"cuts": 3, "frames": 30, "path": "random-walk"},
+    "cut, room alike when half turned": {"cuts": 1, "frames": 30, "alike": "half-turn", "path_share": 0.8},
 }
+# Of two recordings: what each is, and whether both are of one room, which follows from the seed.
+PAIRS: dict[str, tuple[dict[str, Any], dict[str, Any], bool]] = {
+    "map: one room": ({}, {"path": "random-walk"}, True),
+    "map: two rooms": ({}, {}, False),
+    "map: two rooms, same furniture": ({"alike": "furniture"}, {"alike": "furniture"}, False),
+    "map: two rooms, seen close by": (
+        {"alike": "furniture", "path": "xyz"},
+        {"alike": "furniture", "path": "xyz"},
+        False,
+    ),
+}
+OTHER_ROOM = 1000  # is added to the seed of a recording of another room
+APART_M = np.array([100.0, 0.0, 0.0])  # from one room to the other, in the truth
 
 
 def certainty_rows(
@@ -46,16 +65,20 @@ def certainty_rows(
 
     Raises ConfigError for an unknown name.
     """
-    if unknown := [name for name in only if name not in CASES]:
-        raise ConfigError(f"no case '{unknown[0]}'; known are: {', '.join(CASES)}")
+    known = [*CASES, *PAIRS]
+    if unknown := [name for name in only if name not in known]:
+        raise ConfigError(f"no case '{unknown[0]}'; known are: {', '.join(known)}")
     for each in range(seed, seed + seeds):
-        for name in only or CASES:
-            yield certainty_row(name, CASES[name], width, each, workers or Workers())
+        for name in only or known:
+            if name in CASES:
+                yield certainty_row(name, CASES[name], width, each, workers or Workers())
+            else:
+                yield map_row(name, width, each, workers or Workers())
 
 
 def certainty_row(name: str, changes: dict[str, Any], width: int, seed: int, workers: Workers) -> Row:
     """What miniloop says of one recording with default settings, and how many frames stand elsewhere than it says."""
-    size = {"frames": 24, "width": width, "height": width * 3 // 4}
+    size = size_of(width)
     with tempfile.TemporaryDirectory() as root:
         folder = write_sequence(Path(root) / "recording", SimulationSettings(**(size | changes)), seed)
         sequence, truth = open_with_truth(folder)
@@ -71,6 +94,42 @@ def certainty_row(name: str, changes: dict[str, Any], width: int, seed: int, wor
     row |= {"registered": len(posed), "elsewhere": off, "level": found.level.value}
     row["certified"] = bool(run.certificate and run.certificate.certified)
     return row | {"outcome": outcome(found.level, off), "said": "; ".join(found.reasons)}
+
+
+def size_of(width: int) -> dict[str, Any]:
+    """Settings of all simulations of this width, unless a case has others."""
+    return {"frames": 24, "width": width, "height": width * 3 // 4}
+
+
+def map_row(name: str, width: int, seed: int, workers: Workers) -> Row:
+    """As `certainty_row`, of two recordings that are registered to one map.
+
+    Where they are not joined, each has a world of its own, and what stands elsewhere is counted for each.
+    """
+    *both, one_room = PAIRS[name]
+    with tempfile.TemporaryDirectory() as root:
+        folders = [
+            write_sequence(
+                Path(root) / f"{'ab'[k]}",
+                SimulationSettings(**(size_of(width) | changes)),
+                seed + (0 if one_room else OTHER_ROOM * k),
+            )
+            for k, changes in enumerate(both)
+        ]
+        said = register_many(folders, Path(root) / "map", jobs=workers.jobs)
+        worlds: dict[int, list[tuple[Floats, Floats]]] = {}
+        for recording in said["recordings"]:
+            found = read_trajectory(Path(root) / "map" / recording["name"] / "trajectory.txt")
+            T_true, _ = associate(found.timestamps_s, open_with_truth(Path(root) / recording["name"])[1])
+            if not one_room and recording["name"] == "b":
+                T_true[:, :3, 3] += APART_M
+            worlds.setdefault(recording["piece"], []).append((found.T_world_cam, T_true))
+    off = sum(elsewhere(*(np.concatenate(poses) for poses in zip(*world, strict=True))) for world in worlds.values())
+    level, reasons = Level(said["verdict"]["level"]), said["verdict"]["reasons"]
+    registered, frames = (sum(recording[key] for recording in said["recordings"]) for key in ("registered", "frames"))
+    row: Row = {"case": name, "seed": seed, "frames": frames, "registered": registered, "elsewhere": off}
+    row |= {"level": level.value, "certified": said["certificate"]["certified"], "pieces": said["pieces"]}
+    return row | {"outcome": outcome(level, off), "said": "; ".join(reasons)}
 
 
 def outcome(level: Level, off: int) -> str:
@@ -93,7 +152,7 @@ def elsewhere(T: Floats, T_true: Floats) -> int:
 
 def draw(rows: Sequence[Row]) -> Figure:
     """Of each case, how often each outcome."""
-    figure = Figure(figsize=(9, 1 + 0.4 * len(CASES)), layout="constrained")
+    figure = Figure(figsize=(9, 1 + 0.4 * len({row["case"] for row in rows})), layout="constrained")
     axes = figure.subplots()
     colors = {
         "sure, right": "tab:green",

@@ -15,7 +15,10 @@ from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
 Factor = tuple[Ints, Ints, Ints, Floats, Floats]
-"""`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (positions in `order`), `value`; `D` (n,)."""
+"""`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (scans), `value`; `D` (n,).
+
+Rows are scans, not places in the order: those that follow each other in time lie near each other in memory.
+`row` has 32 bits, `value` single precision."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -41,7 +44,7 @@ def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: In
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Factor:
-    """Approximate L D L' of the Laplacian with positive `weights`, scans of few edges first; D = 0 for the last one.
+    """Approximate L D L' of the Laplacian of pairs (m, 2), weights (m,) > 0, few edges first; D = 0 for the last scan.
 
     `uniform`: random numbers in [0, 1), taken in turn, again from the first when they run out.
     """
@@ -61,7 +64,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     for v in range(count):
         _put(v, min(degree[v], buckets - 1), first, after, before, bucket)
 
-    order, position = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    order = np.empty(count, dtype=np.int64)
     start, D = np.zeros(count + 1, dtype=np.int64), np.zeros(count)
     row, entry = np.empty(4 * m + count, dtype=np.int64), np.empty(4 * m + count)
     mark = np.full(count, -1)
@@ -73,7 +76,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
             lowest += 1
         v = first[lowest]
         _take(v, first, after, before, bucket)
-        order[step], position[v] = v, step
+        order[step] = v
         k = 0
         h = head[v]
         while h >= 0:
@@ -144,33 +147,31 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
                 _put(u, d, first, after, before, bucket)
                 lowest = min(lowest, d)
     total = start[count]
-    for a in range(total):
-        row[a] = position[row[a]]
-    return order, start, row[:total], entry[:total], D
+    # A preconditioner needs few digits, and is read from memory again in every iteration.
+    return order, start, row[:total].astype(np.int32), entry[:total].astype(np.float32), D
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats, y: Floats) -> None:
-    """z = inverse of L D L' times r, both (n, 3), up to a constant; `y` (n, 3) is room to work in."""
+def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats) -> None:
+    """z = inverse of L D L' times r, both (n, 3), up to a constant."""
     n = len(order)
+    for v in range(n):
+        z[v, 0], z[v, 1], z[v, 2] = r[v, 0], r[v, 1], r[v, 2]
     for c in range(n):
         v = order[c]
-        y[c, 0], y[c, 1], y[c, 2] = r[v, 0], r[v, 1], r[v, 2]
-    for c in range(n):
-        y0, y1, y2 = y[c, 0], y[c, 1], y[c, 2]
+        z0, z1, z2 = z[v, 0], z[v, 1], z[v, 2]
         for a in range(start[c], start[c + 1]):
             u, f = row[a], value[a]
-            y[u, 0] += f * y0
-            y[u, 1] += f * y1
-            y[u, 2] += f * y2
+            z[u, 0] += f * z0
+            z[u, 1] += f * z1
+            z[u, 2] += f * z2
     for c in range(n - 1, -1, -1):
+        v = order[c]
         s = 1 / D[c] if D[c] > 0 else 0.0
-        y0, y1, y2 = s * y[c, 0], s * y[c, 1], s * y[c, 2]
+        z0, z1, z2 = s * z[v, 0], s * z[v, 1], s * z[v, 2]
         for a in range(start[c], start[c + 1]):
             u, f = row[a], value[a]
-            y0 += f * y[u, 0]
-            y1 += f * y[u, 1]
-            y2 += f * y[u, 2]
-        y[c, 0], y[c, 1], y[c, 2] = y0, y1, y2
-        v = order[c]
-        z[v, 0], z[v, 1], z[v, 2] = y0, y1, y2
+            z0 += f * z[u, 0]
+            z1 += f * z[u, 1]
+            z2 += f * z[u, 2]
+        z[v, 0], z[v, 1], z[v, 2] = z0, z1, z2

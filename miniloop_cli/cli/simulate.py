@@ -10,7 +10,7 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
-ALIKE = ("nothing", "half-turn", "rooms")
+ALIKE = ("nothing", "half-turn", "rooms", "furniture")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 
@@ -24,10 +24,10 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option("--path", type=click.Choice(PATHS), default="loop", show_default=True, help="How the camera moves.")
 @click.option("--rooms", type=int, default=1, show_default=True, help="Rooms joined by doors, walked through and back.")
 @click.option(
-    "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="A stretch in which this happens; may be repeated."
+    "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="Add a stretch with this fault; may be repeated."
 )
 @click.option(
-    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="What looks the same twice."
+    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="Places that look the same twice."
 )
 @click.option("--cuts", type=int, default=0, show_default=True, help="Jumps of the path that the stamps do not show.")
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
@@ -85,8 +85,8 @@ def simulate(
     """Write a synthetic RGB-D recording with exact ground truth to DIR, in TUM's layout.
 
     A furnished, textured room seen by a Kinect-like camera. The same options and seed give the same bytes.
-    With --depth-baseline, --depth-turn or --depth-focal depth is of a camera of its own, which camera.yaml describes.
-    Any number of frames covers the whole path. --hard spoils stretches of the recording, in the order given; DIR gets
+    The frames are spread over the whole path. With --depth-baseline, --depth-turn or --depth-focal depth is of a camera
+    of its own, which camera.yaml describes. --hard spoils stretches of the recording, in the order given; DIR gets
     a stretches.csv that says which frames they are.
 
     \b

@@ -28,7 +28,7 @@ MODELS = (".ply", ".glb")
     type=click.Choice(["x", "-x", "y", "-y", "z", "-z"]),
     help="Which axis of a PLY or GLB file points up [default: z, in GLB y].",
 )
-@click.option("--no-open", is_flag=True, help="Print the address, and leave opening it to you.")
+@click.option("--no-open", is_flag=True, help="Print the address without opening it.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port [default: any that is free].")
 @options.quiet
 def view(
@@ -42,10 +42,10 @@ def view(
     port: int,
     quiet: bool,
 ) -> None:
-    """Walk through a result (default: the newest), a PLY cloud or mesh, or a GLB file, until Ctrl-C.
+    """Show a result (default: the newest), a PLY cloud or mesh, or a GLB file in the browser, until Ctrl-C.
 
-    A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1 only, and
-    its address holds a token: nobody else on the network, and no other page, can read it.
+    A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1
+    only, and its address contains a token. Other computers and other pages cannot read it.
 
     \b
     Example:   miniloop view results/desk
@@ -78,8 +78,10 @@ def _what(
 ) -> Shown:
     """A result, with its recording where that can be opened, or a model."""
     from miniloop_cli.errors import InputError
-    from miniloop_cli.report.viewer.shown import show_model, show_result
+    from miniloop_cli.report.viewer.map_scene import load_map
+    from miniloop_cli.report.viewer.shown import show_map, show_model, show_result
     from miniloop_cli.results.columns import load
+    from miniloop_cli.results.map_folder import has_map, read_manifest, read_map
 
     model = None
     if shown and shown.is_file():
@@ -89,6 +91,8 @@ def _what(
         if not of_a_result:
             return show_model(shown, up)
         shown, model = shown.parent, shown
+    if shown and has_map(shown) and len(read_manifest(shown)["recordings"]) > 1:
+        return show_map(load_map(shown, read_map(shown)), shown)
     opened = open_model(shown, sequence, layout, camera, follow_links)
     if opened.problem and not quiet:
         click.echo(f"shown without images: {opened.problem}", err=True)

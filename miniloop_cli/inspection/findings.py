@@ -179,7 +179,7 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
         )  # fmt: skip
     elif kind == "unknown":
         yield Finding(
-            "note", "registration-unknown", "whether depth is registered to colour cannot be told from these images",
+            "note", "registration-unknown", "these images do not show whether depth is registered to colour",
             "no need to act; a scene with things in front of others would show it",
         )  # fmt: skip
     odd = (numbers.get("explained") or {}).get("odd_frames") or []

@@ -68,7 +68,7 @@ def part_arrays(part: MapPart) -> Arrays:
 
 
 def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> MapPart:
-    """The recording of which these are header and arrays. Raises KeyError, TypeError or ValueError for others."""
+    """The recording of a header and arrays (...). Raises KeyError, TypeError or ValueError for others."""
     ends = np.cumsum(arrays["features"])[:-1]
     px, z, outline = (np.split(arrays[name], ends) for name in ("px_ideal", "z_m", "outline"))
     stored = arrays["descriptors"]
@@ -126,6 +126,8 @@ def joined_arrays(joined: Joined) -> Arrays:
         "of_feature": joined.landmarks.of_feature.astype(np.int32),
         "words": joined.retrieval.words,
         "vectors": joined.retrieval.vectors.astype(np.float16),
+        "doubts": np.array(joined.doubts, np.str_),
+        "proof": np.array([joined.certified, joined.relative_gap], float),
     }
     for a, b in joined.solved:
         arrays |= _edge_arrays(joined.solved[a, b], f"solved_{a}_{b}_")
@@ -133,7 +135,7 @@ def joined_arrays(joined: Joined) -> Arrays:
 
 
 def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
-    """How the recordings lie of which these are the arrays. Raises KeyError, TypeError or ValueError for others."""
+    """How the recordings of a map lie, from its arrays (...). Raises KeyError, TypeError or ValueError for others."""
     pairs: list[Pair] = [(int(a), int(b)) for a, b in arrays["pairs"]]
     return Joined(
         _poses(arrays["T_world_cam"]),
@@ -145,6 +147,9 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
             arrays["points_m"].astype(float), _symmetric(arrays["points_covariance"]), arrays["of_feature"].astype(int)
         ),
         Retrieval(arrays["words"], arrays["vectors"].astype(np.float32)),
+        tuple(arrays["doubts"].tolist()),
+        bool(arrays["proof"][0]),
+        float(arrays["proof"][1]),
     )
 
 

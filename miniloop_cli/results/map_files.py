@@ -43,6 +43,9 @@ def write_map_files(result: Path, scene_map: SceneMap, extra: Mapping[str, Any])
     voxel_m = float(scene_map.settings.get("cloud", {}).get("voxel_m", 0.01))
     write_ply(result / CLOUD, *fuse_cloud(_read(clouds), voxel_m), comment="metres, the world of the largest piece")
     numbers = {"map_sha256": manifest_hash(result)} | dict(extra)
+    joined, gap = scene_map.joined, scene_map.joined.relative_gap
+    proof = {"certified": joined.certified, "relative_gap": gap if np.isfinite(gap) else None}
+    numbers["certificate"] = proof
     numbers["verdict"] = map_verdict(result, scene_map, extra.get("failed", {}))
     numbers |= map_numbers(scene_map, map_bytes(read_manifest(result)), read_manifest(result)) | {
         "versions": versions()

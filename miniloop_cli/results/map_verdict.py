@@ -18,7 +18,8 @@ def map_verdict(result: Path, scene_map: SceneMap, failed: Mapping[str, str]) ->
     """{"level", "reasons"} of a map, as in the summary of a recording; `failed`: recordings left out, and why.
 
     The level is that of the worst recording. It is doubtful at best where a recording was left out, where recordings
-    are not joined to each other, and where an edge between two of them contradicts the poses.
+    are not joined to each other, where an edge between two of them contradicts the poses, and where what both show,
+    another place of a recording, or a bend of it speaks against how they were joined (stages/joints.py).
     """
     joined, levels, reasons = scene_map.joined, [Level.GOOD], list[str]()
     for part in scene_map.parts:
@@ -33,5 +34,6 @@ def map_verdict(result: Path, scene_map: SceneMap, failed: Mapping[str, str]) ->
     angle_deg, distance_m = residuals(joined.edges, joined.T_world_cam)
     if off := int(((angle_deg > CONTRADICTING_DEG) | (distance_m > CONTRADICTING_M)).sum()):
         doubts.append(f"{off} of {len(joined.edges)} edges between recordings contradict the poses")
+    doubts += joined.doubts
     levels += [Level.DOUBTFUL] * bool(doubts)
     return {"level": max(levels, key=WORST_LAST.index).value, "reasons": [*reasons, *doubts]}

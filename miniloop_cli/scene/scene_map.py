@@ -82,7 +82,9 @@ class Joined:
     T_world_cam (K, 4, 4), covariance (K, 6, 6) as in MapPart; piece (r,) of each recording: recordings of one number
     share one world, 0 the piece of most keyframes. `solved`: for each pair of recordings the edges between their
     keyframes as they were solved, numbered within the two, those of the first recording before those of the second.
-    `edges`: those between recordings that the poses rest on, numbered through the map.
+    `edges`: those between recordings that the poses rest on, numbered through the map. `doubts`: what speaks against
+    how recordings lie to each other, in sentences. `certified`: whether no other arrangement of the edges of recordings
+    that are joined is better, and by what share of the cost at most: `relative_gap`, infinite where it is not known.
     """
 
     T_world_cam: Floats
@@ -92,6 +94,9 @@ class Joined:
     edges: EdgeTable
     landmarks: MapPoints
     retrieval: Retrieval
+    doubts: tuple[str, ...] = ()
+    certified: bool = False
+    relative_gap: float = float("inf")
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,7 @@ class SceneMap:
 
     @cached_property
     def first_feature(self) -> Ints:
-        """(K + 1,) number of the first feature of each keyframe, counted through the map."""
+        """(K + 1,) number of the first feature of each keyframe, counted through the map; the last is their total."""
         return np.cumsum([0, *(len(features) for features in self.features)])
 
     def keyframes_of(self, part: int) -> slice:

@@ -36,6 +36,7 @@ class Rejection(IntEnum):
     MOSTLY_MOVING = 12  # a: scans that are not one world
     CONTRADICTS_GRAVITY = 13  # a: degrees
     CONTRADICTS_POSE_PRIOR = 14  # a: degrees, b: metres
+    JOINT_LOOKS_DIFFERENT = 15  # a: share that agrees of what two recordings, joined by it, both show
 
     @property
     def label(self) -> str:
@@ -66,4 +67,5 @@ _SENTENCES = {
     Rejection.MOSTLY_MOVING: "{a:.0f} other scans, more than remain, show no consistent scene, so this is not trusted",
     Rejection.CONTRADICTS_GRAVITY: "contradicts gravity by {a:.1f} deg",
     Rejection.CONTRADICTS_POSE_PRIOR: "contradicts the pose prior by {a:.0f} deg, {b:.2f} m",
+    Rejection.JOINT_LOOKS_DIFFERENT: "only {a_percent:.0f} % of what both recordings show looks alike",
 }

@@ -16,6 +16,7 @@ from miniloop_cli.simulation.symmetry import make_symmetric, symmetric_paint
 from miniloop_cli.typing import Bytes, Floats
 
 ROOM, T_WORLD_ROOM = 0, se3.pose(np.eye(3), np.array([0, 0, ROOM_M[2] / 2]))  # the box of a single room
+SAME_FURNITURE = 25  # the seed of furniture that all seeds have
 UNSEEN: tuple[Bytes, float] = np.full((4, 4, 3), 128, np.uint8), 1.0
 
 
@@ -36,28 +37,31 @@ def build_scene(kind: str, rng: Generator, rooms: int = 1, blank: bool = False, 
     elif kind == "turntable":
         _add_turntable(scene, rng, alike == "half-turn")
     else:
-        _add_room(scene, np.zeros(3), kind, rng, alike == "half-turn")
+        goods = np.random.default_rng(SAME_FURNITURE) if alike == "furniture" else rng
+        _add_room(scene, np.zeros(3), kind, rng, goods, alike == "half-turn")
         if kind == "two-rooms":
-            _add_room(scene, SECOND_ROOM_M, kind, rng)
+            _add_room(scene, SECOND_ROOM_M, kind, rng, rng)
     if blank:
         scene.blank_m.append(layout.blank_m)
     return scene
 
 
-def _add_room(scene: Scene, offset_m: Floats, kind: str, rng: Generator, symmetric: bool = False) -> None:
-    """A closed room: a box that is seen from within."""
+def _add_room(
+    scene: Scene, offset_m: Floats, kind: str, rng: Generator, goods: Generator, symmetric: bool = False
+) -> None:
+    """A closed room: a box that is seen from within; `rng` makes its walls, `goods` what stands in it."""
     half, paint = ROOM_M / 2, room_paint(kind, rng, posters=5)
     paint = symmetric_paint(paint) if symmetric else paint
     scene.add_box(offset_m + np.array([0, 0, half[2]]), half, 0.0, paint, from_within=True)
     if kind != "plane":
-        furnish(scene, offset_m, kind, rng)
+        furnish(scene, offset_m, kind, goods)
     if symmetric:
         make_symmetric(scene, first=1)
 
 
 def _add_turntable(scene: Scene, rng: Generator, symmetric: bool) -> None:
     """A bare room, and in its middle a board with a box on it."""
-    _add_room(scene, np.zeros(3), "plane", rng)
+    _add_room(scene, np.zeros(3), "plane", rng, rng)
     goods, own = goods_paint("turntable", rng), symmetric_paint if symmetric else lambda paint: paint
     scene.add_box(np.array([0, 0, TABLE_M - 0.01]), np.array([0.32, 0.32, 0.01]), 0.0, own(goods))
     scene.add_box(np.array([0, 0, TABLE_M + 0.07]), np.array([0.11, 0.07, 0.07]), 0.3, own(goods))

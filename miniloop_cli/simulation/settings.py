@@ -15,7 +15,7 @@ from miniloop_cli.scene.sequence import DepthCamera
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
-ALIKE = ("nothing", "half-turn", "rooms")
+ALIKE = ("nothing", "half-turn", "rooms", "furniture")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 MIN_FRAMES_A_STRETCH = 10
 TURN_AXIS = np.array([2.0, 3.0, -1.0]) / np.sqrt(14.0)  # of a depth camera that is turned against colour
@@ -33,7 +33,8 @@ class SimulationSettings:
     overlaps), `rotation` (no translation), `still`, `random-walk` (smooth and different for every seed).
 
     `alike` places: with `half-turn` a room, or a board and its box, look the same when they are turned by 180 degrees
-    about the vertical; with `rooms` all rooms have the same walls and furniture.
+    about the vertical; with `rooms` all rooms have the same walls and furniture; with `furniture` the room has the
+    same furniture in the same places as that of any other seed, within walls of its own.
 
     At each of so many `cuts`, evenly spread, a part of the path is left out while the stamps go on as if it were not.
 
@@ -110,6 +111,8 @@ class SimulationSettings:
             raise ConfigError("scene 'turntable' needs path 'loop', and nothing else may move")
         if self.alike == "half-turn" and (self.rooms > 1 or self.scene not in ("room", "turntable")):
             raise ConfigError("alike 'half-turn' needs one room or a turntable")
+        if self.alike == "furniture" and (self.rooms > 1 or self.scene != "room"):
+            raise ConfigError("alike 'furniture' needs one room, scene 'room'")
         if self.alike == "rooms" and self.rooms < 2:
             raise ConfigError("alike 'rooms' needs several rooms")
         if self.rooms > 1 and (self.path != "loop" or self.scene in ("two-rooms", "plane", "turntable")):

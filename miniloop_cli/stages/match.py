@@ -34,7 +34,7 @@ def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Pri
     if settings.edge_share == 0:
         return found
     least = max(min_matches_for(found, settings.edge_share, len(scans)), settings.min_matches)
-    LOG.info("T = %d matches: %.3g of all pairs were to become edges", least, settings.edge_share)
+    LOG.info("T = %d matches, so that %.3g of all pairs become edges", least, settings.edge_share)
     return {pair: rows for pair, rows in found.items() if len(rows) >= least}
 
 
@@ -90,6 +90,6 @@ def match_arrays(matches: Matches) -> dict[str, NDArray[Any]]:
 
 
 def matches_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Matches:
-    """The matches that `match_arrays` was given."""
+    """The matches, rows (k, 2) a pair, of the arrays of `match_arrays`."""
     rows = np.split(arrays["rows"].astype(np.int64), arrays["ends"][:-1]) if len(arrays["pairs"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(arrays["pairs"], rows, strict=True)}

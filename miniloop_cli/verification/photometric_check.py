@@ -46,9 +46,13 @@ class PhotometricCheck:
         self._known.update(zip((questions[k] for k in new), compared, strict=True))
         return np.array([self._known.get(question, (0, 0)) for question in questions], np.int64).reshape(-1, 2)
 
-    def neighbours(self, T_world_cam: Floats, scans: Ints) -> tuple[Ints, Floats]:
-        """Pairs (m, 2) of `scans` that by their poses see the same place, and these relative poses (m, 4, 4)."""
-        pairs = np.array(partners(T_world_cam, scans, self.points, self.camera, COMPARED_PARTNERS), np.int64)
+    def neighbours(self, T_world_cam: Floats, scans: Ints, group: Ints | None = None) -> tuple[Ints, Floats]:
+        """Pairs (m, 2) of `scans` that by their poses see the same place, and these relative poses (m, 4, 4).
+
+        `group` (n,) of each scan: only pairs across groups.
+        """
+        seen = partners(T_world_cam, scans, self.points, self.camera, COMPARED_PARTNERS, group)
+        pairs = np.array(seen, np.int64)
         i, j = pairs.reshape(-1, 2).T
         return pairs.reshape(-1, 2), se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 

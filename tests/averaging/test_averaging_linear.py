@@ -72,9 +72,9 @@ def test_elimination_of_a_tree_is_exact():
     weights = rng.uniform(0.1, 10, len(pairs))
     A = incidence(scans, pairs)
     b = A.T @ rng.standard_normal((len(pairs), 3))
-    z, room = np.empty((scans, 3)), np.empty((scans, 3))
-    apply(*eliminate(scans, pairs, weights, rng.random(100)), b, z, room)
-    np.testing.assert_allclose(A.T @ (weights[:, None] * (A @ z)), b, atol=1e-9)
+    z = np.empty((scans, 3))
+    apply(*eliminate(scans, pairs, weights, rng.random(100)), b, z)
+    np.testing.assert_allclose(A.T @ (weights[:, None] * (A @ z)), b, atol=1e-6)  # single precision
 
 
 def test_elimination_is_right_on_average():
@@ -86,6 +86,7 @@ def test_elimination_is_right_on_average():
     total, rounds = np.zeros((scans, scans)), 4000
     for seed in range(rounds):
         order, start, row, value, D = eliminate(scans, pairs, weights, np.random.default_rng(seed).random(997))
+        row = np.argsort(order)[row]
         L = np.eye(scans)
         for c in range(scans):
             L[row[start[c] : start[c + 1]], c] = -value[start[c] : start[c + 1]]

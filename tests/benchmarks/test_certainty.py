@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.experiments.certainty import CASES, certainty_row, certainty_rows, elsewhere, outcome
+from benchmarks.experiments.certainty import CASES, PAIRS, certainty_row, certainty_rows, elsewhere, map_row, outcome
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import se3
 from miniloop_cli.results.assessment import Level
@@ -29,7 +29,8 @@ def test_outcomes():
 
 
 def test_every_case_can_be_simulated():
-    assert all(SimulationSettings(**changes).frames >= 24 for changes in CASES.values())
+    alone = [*CASES.values(), *(changes for *both, _ in PAIRS.values() for changes in both)]
+    assert all(SimulationSettings(**changes).frames >= 24 for changes in alone)
     with pytest.raises(ConfigError, match="no case 'rom'"):
         next(certainty_rows(["rom"]))
 
@@ -40,3 +41,10 @@ def test_a_turntable_that_looks_alike_from_behind_is_no_sure_thing():
     row = certainty_row(name, CASES[name] | {"frames": 18}, 240, 0, Workers(1, True))
     assert row["registered"] > 9 and row["certified"]
     assert row["outcome"] in ("sure, right", "doubted, wrong", "doubted, right")
+
+
+@pytest.mark.slow
+def test_two_rooms_with_the_same_furniture_are_not_taken_for_one():
+    row = map_row("map: two rooms, same furniture", 240, 0, Workers(1, True))
+    assert row["registered"] > 40 and row["elsewhere"] == 0
+    assert row["outcome"] == "doubted, right" and row["pieces"] == 2 and "2 pieces" in row["said"]

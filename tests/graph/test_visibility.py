@@ -19,6 +19,7 @@ def test_scans_that_look_the_same_way_are_partners_and_back_to_back_ones_are_not
     assert partners(T_world_cam, np.arange(4), scans, CAMERA, 3) == [(0, 1), (0, 2), (1, 2)]
     assert partners(T_world_cam, np.arange(4), scans, CAMERA, 1) == [(0, 1), (1, 2)]
     assert partners(T_world_cam, np.array([1, 3]), scans, CAMERA, 3) == []
+    assert partners(T_world_cam, np.arange(4), scans, CAMERA, 1, np.array([0, 0, 1, 1])) == [(0, 2), (1, 2)]
 
 
 def test_a_scan_without_points_has_no_partner():

@@ -75,6 +75,16 @@ def test_rooms_may_look_alike():
     np.testing.assert_allclose(low[1] - low[0], np.tile(low[1][0] - low[0][0], (len(low[0]), 1)), atol=1e-9)
 
 
+def test_rooms_of_other_seeds_may_have_the_same_furniture():
+    from miniloop_cli.simulation.building import build_scene
+
+    one, other = (build_scene("room", np.random.default_rng(seed), alike="furniture") for seed in (1, 2))
+    np.testing.assert_array_equal(one.T_box_world, other.T_box_world)
+    same = [np.array_equal(a[0], b[0]) for a, b in zip(one.pyramids, other.pyramids, strict=True)]
+    assert len(one.T_box_world) > 10
+    assert not any(same[:6]) and all(same[6:])  # six sides of the room, then all that stands in it
+
+
 def test_the_command_offers_what_there_is():
     assert command.ALIKE == ALIKE and command.SCENES == SCENES
 
@@ -93,6 +103,8 @@ def test_cuts_leave_parts_of_the_path_out_and_the_truth_knows():
         {"alike": "half-turn", "rooms": 2},
         {"alike": "half-turn", "scene": "plane"},
         {"alike": "rooms"},
+        {"alike": "furniture", "scene": "turntable"},
+        {"alike": "furniture", "rooms": 2},
         {"alike": "everything"},
         {"scene": "turntable", "path": "xyz"},
         {"scene": "turntable", "rooms": 2},
