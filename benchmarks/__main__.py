@@ -101,17 +101,14 @@ def color_icp(result: Path, sequence: Path, edges: Path | None) -> None:
     show(result, sequence, edges)
 
 
-@benchmarks.command(context_settings=CONTEXT, short_help="miniloop beside others; writes BENCHMARK.md.")
+@benchmarks.command(context_settings=CONTEXT, short_help="miniloop beside others; writes results.json.")
 @SEQUENCES
 @click.option(
     "--results", type=click.Path(file_okay=False, path_type=Path), default=Path("results/benchmark"), show_default=True
 )
 @click.option("--part", "parts", multiple=True, help="Measure only this part again; may be repeated.")
 @click.option("--without", multiple=True, help="Leave this part out; may be repeated.")
-@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
-def run(
-    sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], without: tuple[str, ...], output: Path
-) -> None:
+def run(sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], without: tuple[str, ...]) -> None:
     """miniloop and others on the same frames, one after the other, each in a process of its own.
 
     Parts that are not measured keep what the results folder holds of them. Part "scaling" (simulated recordings of
@@ -124,22 +121,38 @@ def run(
     """
     from benchmarks.side_by_side.run import run as measure
 
-    measure(sequences, results, output, parts, without)
+    measure(sequences, results, parts, without)
 
 
-@benchmarks.command(context_settings=CONTEXT, short_help="One section of BENCHMARK.md from measured rows.")
+@benchmarks.command(context_settings=CONTEXT, short_help="Measured rows into results.json.")
 @click.argument("name", type=click.Choice(["whole", "growth"]))
 @click.argument("rows", type=FILE)
-@click.option("-o", "--output", type=FILE, default=Path("BENCHMARK.md"), show_default=True)
-def section(name: str, rows: Path, output: Path) -> None:
-    """Put the table of `whole` or `growth` into BENCHMARK.md; ROWS is what the command wrote with --json.
+def record(name: str, rows: Path) -> None:
+    """Put the table of `whole` or `growth` into results.json; ROWS is what the command wrote with --json.
 
     \b
-    Example:   python -m benchmarks section whole whole.json
+    Example:   python -m benchmarks record whole whole.json
     """
-    from benchmarks.side_by_side.report import read, update
+    from benchmarks.side_by_side.report import read, record_rows
 
-    update(name, read(rows)["rows"], output)
+    record_rows(name, read(rows)["rows"])
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="Figures of README and docs from results.json.")
+@click.option("--check", is_flag=True, help="Write nothing; exit status 1 if a page is not up to date.")
+def figures(check: bool) -> None:
+    """Every figure of README, BENCHMARK.md and docs from benchmarks/results.json, and the list docs/figures.md.
+
+    \b
+    Example:   python -m benchmarks figures
+    """
+    from benchmarks.figures.pages import ROOT, update
+    from benchmarks.figures.store import FigureError, load
+
+    stale = [page.relative_to(ROOT).as_posix() for page in update(load(), check)]
+    if check and stale:
+        raise FigureError(f"not up to date: {', '.join(stale)}; run python -m benchmarks figures")
+    click.echo(f"{len(stale)} pages changed" if stale else "all pages are up to date")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ miniloop itself is under the MIT licence. What it is installed with, and the ext
 (version looked at: the newest when this page was made, by `docs/make_licences.py`). None of it is changed, and only
 three.js is shipped: it draws the 3D view, under the MIT licence, and its version and licence lie beside it in
 `miniloop_cli/report/viewer/assets`.
-evo is GPL: it is used by tests and benchmarks alone, as an independent oracle, and nothing of it is linked or imported
-by the program.
+evo and codespell are GPL: evo is an independent oracle of tests and benchmarks, codespell a check of spelling. The
+program does not import them.
 
 | package | needed by | version | licence |
 |---|---|---|---|
@@ -34,6 +34,8 @@ def page() -> str:
     rows = {}
     for requirement in requires("miniloop") or []:
         name = re.match(r"[\w.-]+", requirement)[0]
+        if name == "miniloop":  # an extra that holds others
+            continue
         extra = re.search(r"extra == ['\"](\w+)['\"]", requirement)
         rows.setdefault(name, []).append(extra[1] if extra else "the program")
     lines = []

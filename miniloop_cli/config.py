@@ -11,6 +11,8 @@ from miniloop_cli.setting_choices import OneOf
 
 
 class Section(BaseModel):
+    """A section of the settings; frozen, without unknown keys."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -20,10 +22,15 @@ class Depth(Section):
     min_m: float = Field(0.3, ge=0, description="Smallest depth that is used (m).")
     max_m: float = Field(8.0, gt=0, description="Largest depth that is used (m).")
     min_confidence: int = Field(
-        1, ge=0, le=2, description="Least confidence of a reading, where a phone states it: 0 low, 1 medium, 2 high."
+        1,
+        ge=0,
+        le=2,
+        description="Smallest confidence of a depth reading, if the phone records it: 0 low, 1 medium, 2 high.",
     )
     edge_ratio: float = Field(
-        0.04, gt=0, description="A feature is dropped if its four neighbouring readings differ by more than this share."
+        0.04,
+        gt=0,
+        description="A feature is dropped if the four depth readings around it differ by more than this share.",
     )
 
 
@@ -33,18 +40,18 @@ class Features(Section):
     type: Annotated[str, OneOf(FEATURE_TYPES)] = Field("rootsift", description="Detector and descriptor.")
     count: int = Field(3000, ge=16, description="Strongest features kept in a scan.")
     contrast: float = Field(
-        0.02, gt=0, description="SIFT: contrast threshold; lower finds more in dim or plain images."
+        0.02, gt=0, description="Contrast threshold of SIFT. A lower value finds more features in dim or plain images."
     )
     first_octave: Literal["auto", -1, 0] = Field(
         "auto",
-        description="SIFT: -1 doubles the image first, 0 does not, and takes a quarter of the time; auto: 0 for the "
-        "keyframes of whole recordings, in images of at least 640 x 480.",
+        description="First octave of SIFT. -1: the image is doubled first. 0: it is not, which takes a quarter of the "
+        "time. auto: 0 for keyframes of whole recordings with images of at least 640 x 480, else -1.",
     )
 
     def of_keyframes(self, width: int, height: int) -> Features:
         """The settings for keyframes of whole recordings, whose images have this size in pixels.
 
-        There the points that are followed tell poses best; features find the places that were seen before.
+        Followed points determine the poses there; features only recognise places that were seen before.
         """
         if self.first_octave != "auto" or width * height < 640 * 480:
             return self
@@ -55,35 +62,50 @@ class Tracking(Section):
     """Whole recordings: points are followed, and only keyframes are matched."""
 
     enabled: Literal["auto"] | bool = Field(
-        "auto", description="auto: where frames follow each other closely; false: every frame is a scan of its own."
+        "auto", description="Follow points. auto: if frames follow each other closely. false: every frame is a scan."
     )
-    points: int = Field(300, ge=50, description="Points that are followed from each keyframe.")
+    points: int = Field(300, ge=50, description="Number of points that are followed from each keyframe.")
     min_followed: float = Field(
-        0.4, gt=0, lt=1, description="A frame becomes a keyframe when a smaller share of the last one's points is left."
+        0.4,
+        gt=0,
+        lt=1,
+        description="A frame becomes a keyframe if less than this share of the last keyframe's points is left.",
     )
 
 
 class Matching(Section):
     """Which features of two scans are matched."""
 
-    ratio: float = Field(0.8, gt=0, le=1, description="Largest ratio of nearest to second-nearest descriptor distance.")
-    pairs: str = Field("auto", description="auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers).")
-    count: int = Field(1200, ge=16, description="Strongest features of a scan used in a full comparison.")
+    ratio: float = Field(
+        0.8, gt=0, le=1, description="Ratio test: largest ratio of nearest to second-nearest descriptor distance."
+    )
+    pairs: str = Field(
+        "auto", description="Pairs to compare: auto, exhaustive, sequential, or a file of lines 'i j' (frame numbers)."
+    )
+    count: int = Field(1200, ge=16, description="Number of strongest features of a scan used in a full comparison.")
     min_distance_consistent: int = Field(
-        6, ge=0, description="auto: a pair with fewer matches of mutually consistent distances is left out."
+        6, ge=0, description="pairs: auto. A pair with fewer matches whose mutual distances agree is left out."
     )
     exhaustive_max_scans: int = Field(
-        200, ge=2, description="auto: up to this number of scans every pair is compared; above, retrieval selects."
+        200,
+        ge=2,
+        description="pairs: auto. Up to this number of scans all pairs are compared; above it, retrieval selects.",
     )
     retrieval_k: int = Field(
-        40, ge=1, description="auto, above exhaustive_max_scans: most similar scans that each scan is compared with."
+        40,
+        ge=1,
+        description="Above exhaustive_max_scans: each scan is compared with this number of most similar scans.",
     )
     sequential_window: int = Field(
-        10, ge=1, description="sequential, and above exhaustive_max_scans: following frames compared with each frame."
+        10,
+        ge=1,
+        description="Number of following frames compared with each frame (sequential, and above exhaustive_max_scans).",
     )
-    min_matches: int = Field(12, ge=3, description="Matches that an edge of the graph needs (T in the paper).")
+    min_matches: int = Field(
+        12, ge=3, description="Smallest number of matches of an edge of the graph (T in the paper)."
+    )
     edge_share: float = Field(
-        0.0, ge=0, le=1, description="Share of all pairs that become edges, from which T follows; 0: T is min_matches."
+        0.0, ge=0, le=1, description="Share of all pairs that become edges; T follows from it. 0: T is min_matches."
     )
 
 
@@ -94,20 +116,30 @@ class Ransac(Section):
         "msac",
         description="msac: truncated noise-scaled residuals; count: inliers within threshold_m, as in the paper.",
     )
-    threshold_m: float = Field(0.08, gt=0, description="Inlier distance while sampling (m); large on purpose.")
+    threshold_m: float = Field(
+        0.08, gt=0, description="Inlier distance while sampling (m). It is wide, because samples are noisy."
+    )
     iterations: int = Field(2000, ge=1, description="Largest number of hypotheses for one estimation.")
-    confidence: float = Field(0.999, gt=0, lt=1, description="Probability of an all-inlier sample at which to stop.")
-    adaptive: bool = Field(True, description="Stop early; false: always `iterations` hypotheses, as in the paper.")
-    local_optimization: bool = Field(True, description="Gauss-Newton on all inliers of all edges of the cycle.")
+    confidence: float = Field(
+        0.999, gt=0, lt=1, description="Sampling stops when an all-inlier sample was drawn with this probability."
+    )
+    adaptive: bool = Field(True, description="Stop early. false: always `iterations` hypotheses, as in the paper.")
+    local_optimization: bool = Field(
+        True, description="Refine a hypothesis by Gauss-Newton on all inliers of all edges of the cycle."
+    )
 
 
 class Verification(Section):
     """When an edge is accepted."""
 
-    chi2: float = Field(16.0, gt=0, description="A match is an inlier below this squared Mahalanobis distance.")
-    min_inliers: int = Field(10, ge=3, description="Inliers that a verified edge needs.")
-    min_share: float = Field(0.2, ge=0, le=1, description="Share of matches that must be inliers in a verified edge.")
-    min_weak_inliers: int = Field(6, ge=3, description="Inliers that suffice where a frame has fewer than three edges.")
+    chi2: float = Field(16.0, gt=0, description="A match is an inlier if its squared Mahalanobis distance is smaller.")
+    min_inliers: int = Field(10, ge=3, description="Smallest number of inliers of a verified edge.")
+    min_share: float = Field(
+        0.2, ge=0, le=1, description="Smallest share of inliers among the matches of a verified edge."
+    )
+    min_weak_inliers: int = Field(
+        6, ge=3, description="Smallest number of inliers if one of the frames has fewer than three edges."
+    )
     guided_matching: bool = Field(
         True, description="Match failed pairs again if their scans overlap according to the averaged poses."
     )
@@ -117,14 +149,14 @@ class Cycles(Section):
     """The decomposition of the overlap graph and its joint estimation."""
 
     longest: Literal[2, 3, 4, 5, 6, 7] = Field(
-        5, description="Length of the longest cycle; 2: every edge alone (pairwise)."
+        5, description="Length of the longest cycle. 2: each edge is solved alone (pairwise)."
     )
     decomposition: Literal["dfs", "support"] = Field(
         "support",
-        description="dfs: the paper's depth-first search; support: gives weak edges strong partners, leaves few over.",
+        description="dfs: the paper's depth-first search. support: weak edges get strong partners, few are left over.",
     )
     loop_support: bool = Field(
-        True, description="Try unverified edges again in loops over verified ones; agreeing loops confirm an edge."
+        True, description="Solve unverified edges again in loops with verified ones. Loops that agree confirm an edge."
     )
 
 
@@ -132,13 +164,15 @@ class Gravity(Section):
     """With `--gravity`: how far an accelerometer is trusted."""
 
     max_median_deg: float = Field(
-        6.0, gt=0, description="Gravity is refused if its median difference to the sure edges is larger (degrees)."
+        6.0,
+        gt=0,
+        description="The accelerometer is refused if its median difference to verified edges is larger (degrees).",
     )
     agree_deg: float = Field(4.0, gt=0, description="An edge that agrees within this angle is confirmed (degrees).")
     max_deg: float = Field(
         8.0,
         gt=0,
-        description="An edge that differs from the vertical by more, and by 4 times that median, is dropped (degrees).",
+        description="An edge is dropped if it differs from the vertical by more, and by 4 times the median (degrees).",
     )
     min_bridge_inliers: int = Field(
         8,
@@ -150,8 +184,10 @@ class Gravity(Section):
 class PosePrior(Section):
     """With `--pose-prior`: how far rough relative poses may be off."""
 
-    max_deg: float = Field(20.0, gt=0, description="An edge is dropped if it differs more from rough poses (degrees).")
-    max_m: float = Field(0.5, gt=0, description="An edge that differs from the rough poses by more is dropped (m).")
+    max_deg: float = Field(
+        20.0, gt=0, description="An edge is dropped if it differs from the rough poses by more (degrees)."
+    )
+    max_m: float = Field(0.5, gt=0, description="An edge is dropped if it differs from the rough poses by more (m).")
     min_bridge_inliers: int = Field(
         8, ge=3, description="Replaces averaging.min_bridge_inliers for edges that agree with the rough poses."
     )
@@ -161,51 +197,57 @@ class Averaging(Section):
     """From relative to absolute poses."""
 
     rotations: Literal["robust", "plain"] = Field(
-        "robust", description="robust: L1, then IRLS; plain: without weights."
+        "robust", description="robust: L1, then reweighted least squares (IRLS). plain: one unweighted solution."
     )
     rotation_scale_deg: float = Field(3.0, gt=0, description="Geman-McClure scale of the IRLS (degrees).")
     translations: Literal["robust", "plain"] = Field(
-        "robust", description="robust: reweighted; plain: one least squares."
+        "robust", description="robust: reweighted least squares. plain: one least-squares solution."
     )
-    translation_scale_m: float = Field(0.03, gt=0, description="Scale of the translation reweighting (m).")
+    translation_scale_m: float = Field(0.03, gt=0, description="Cauchy scale of the reweighted translations (m).")
     max_residual_deg: float = Field(5.0, gt=0, description="An edge with a larger residual is dropped (degrees).")
     max_residual_m: float = Field(0.10, gt=0, description="An edge with a larger residual is dropped (m).")
     min_photo_consistency: float = Field(
         0.4,
         ge=0,
         lt=1,
-        description="Share of the common view of two scans that must look alike in both; 0: not checked.",
+        description="Smallest share of the common view of two scans that must look alike. 0: not checked.",
     )
-    min_bridge_inliers: int = Field(20, ge=0, description="Inliers an edge needs if no loop of edges confirms it.")
+    min_bridge_inliers: int = Field(
+        20, ge=0, description="Smallest number of inliers of an edge that no loop of edges confirms."
+    )
 
 
 class Bundle(Section):
     """The joint refinement by bundle adjustment over feature tracks."""
 
-    max_scans: int = Field(3000, ge=2, description="With more scans only the pose graph is refined (saves time).")
-    partners: int = Field(15, ge=1, description="Scans that each scan is matched with again, guided by the poses.")
+    max_scans: int = Field(
+        3000, ge=2, description="With more scans only the pose graph is refined, which saves time and memory."
+    )
+    partners: int = Field(
+        15, ge=1, description="Number of scans that each scan is matched with again, guided by the poses."
+    )
     radius_px: float = Field(8.0, gt=0, description="Search radius around a feature's predicted position (px).")
     max_distance2: float = Field(0.3, gt=0, description="Largest squared descriptor distance of a guided match.")
-    min_frames: int = Field(3, ge=2, description="Number of scans that a track must be seen in.")
+    min_frames: int = Field(3, ge=2, description="Smallest number of scans in a track.")
     followed_per_frame: int = Field(
-        120, ge=12, description="Whole recordings: followed points that each frame takes part with, at least."
+        120, ge=12, description="Whole recordings: smallest number of followed points of each frame in the adjustment."
     )
     depth_sigma_factor: float = Field(2.0, gt=0, description="Depth noise as a multiple of the sensor model.")
     timing: bool = Field(
         True,
-        description="Estimate rolling shutter and the lag of depth behind colour from the recording, if observable.",
+        description="Estimate rolling shutter and the lag of depth behind colour, if the recording determines them.",
     )
     motion: bool = Field(
         True,
-        description="With timing: estimate the motion within each frame from its rows; false: from the path of poses.",
+        description="With timing: estimate the motion within each frame from its rows. false: from the path of poses.",
     )
 
 
 class Cloud(Section):
     """The model that is written."""
 
-    voxel_m: float = Field(0.01, gt=0, description="Edge length of the voxels (m); each holds one point.")
-    stride_px: int = Field(4, ge=1, description="Step between pixels of a scan that enter the model (px).")
+    voxel_m: float = Field(0.01, gt=0, description="Voxel size (m). Each voxel holds one point.")
+    stride_px: int = Field(4, ge=1, description="Pixel stride: every N-th pixel of a scan is used (px).")
 
 
 class Estimation(NamedTuple):
@@ -234,11 +276,13 @@ class Settings(Section):
     gravity: Gravity = Gravity()
     pose_prior: PosePrior = PosePrior()
     averaging: Averaging = Averaging()
-    refine: Refinement = Field("bundle", description="Joint refinement of all poses.")
+    refine: Refinement = Field(
+        "bundle", description="Joint refinement of all poses: bundle adjustment, pose graph, or none."
+    )
     bundle: Bundle = Bundle()
     calibrate: Annotated[Calibrate, _ON_OFF] = Field(
         "auto",
-        description="With refine: bundle, ask the recording for its camera. auto: where the camera is a guess.",
+        description="With refine: bundle, estimate the camera from the recording. auto: if the camera is a guess.",
     )
     cloud: Cloud = Cloud()
 

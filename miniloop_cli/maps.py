@@ -211,7 +211,7 @@ def _write(
                 poses[part.frame] = T
                 write_run(replace(run, poses=replace(run.poses, T_world_cam=poses)), target / part.name, workers, store)
     numbers = write_map_files(target, scene_map, extra)
-    write_map_page(target, scene_map, numbers)
+    write_map_page(target, scene_map, numbers, store)
     return numbers
 
 

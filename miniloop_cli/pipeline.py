@@ -155,6 +155,7 @@ def _registration(
         refined.landmarks,
         refined.velocity,
         calibration,
+        tracked.thumbnails if tracked else {},
     )
 
 

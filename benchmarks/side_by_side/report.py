@@ -1,15 +1,18 @@
-"""BENCHMARK.md from what run.py left in the results folder."""
+"""What run.py left in the results folder becomes tables of results.json."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
+import subprocess
 from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
+from benchmarks.figures.pages import update
+from benchmarks.figures.store import Figures, load, put_table, save
 from benchmarks.side_by_side import sections
 from benchmarks.side_by_side.sections import Json
 
@@ -25,8 +28,8 @@ METHODS = {
     "pycolmap": "pycolmap SfM, colour only, true scale given",
 }
 TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
-    "whole": ("Whole recordings", sections.WHOLE_TEXT, sections.whole_recordings),
-    "growth": ("From room to room", sections.GROWTH_TEXT, sections.growth),
+    "whole": ("whole.recordings", "Whole recordings", sections.whole_recordings),
+    "growth": ("growth.rooms", "Walks through many rooms", sections.growth),
 }
 REGENERATE = "python -m benchmarks run data/tum/freiburg1_xyz_100 data/tum/freiburg1_desk_100"
 
@@ -53,7 +56,7 @@ def machine() -> str:
         except PackageNotFoundError:
             libraries.append(f"{name} not installed")
     python = f"{platform.system()}, Python {platform.python_version()}"
-    return f"{model}, {os.cpu_count()} cores{memory}; {python}; {', '.join(libraries)}."
+    return f"{model}, {os.cpu_count()} cores{memory}; {python}; {', '.join(libraries)}"
 
 
 def _lines(path: str) -> list[str]:
@@ -73,60 +76,73 @@ def loads(results: Path) -> str:
     )
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table; numbers to the right."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "|".join(["---"] + ["---:"] * (len(head) - 1)) + "|"]
-    return "\n".join(lines + ["| " + " | ".join(map(sections.text, row)) + " |" for row in rows])
-
-
-def write(sequences: Sequence[Path], results: Path, output: Path) -> None:
-    """Write BENCHMARK.md."""
-    parts = [
-        "# Benchmarks",
-        f"miniloop and others on the same frames, one after the other, each in a process of its own. "
-        f"Written by `{REGENERATE}`; every number is measured there, none is typed in.",
-        machine() + " " + loads(results),
-        sections.PROTOCOL_TEXT,
-    ]
-    matching = {sequence.name: read(results / sequence.name / "matching.json") for sequence in sequences}
+def record(sequences: Sequence[Path], results: Path) -> None:
+    """Put what the folder `results` holds into results.json, and bring the pages up to date."""
+    figures = load()
+    note_run(figures, "side-by-side", REGENERATE, loads(results))
+    for key, what, made in _tables(sequences, results):
+        put_table(figures, f"side-by-side.{key}", what, made)
     for sequence in sequences:
-        folder = results / sequence.name
+        if same := read(results / sequence.name / "same-poses.json"):
+            key = f"side-by-side.{short(sequence)}.edges"
+            what = f"Edges that poses are made from, {sequence.name}"
+            figures.values[key] = {"what": what, "unit": "", "value": same["edges"], "run": "side-by-side"}
+    save(figures)
+    update(figures, check=False)
+
+
+def record_rows(name: str, rows: Sequence[Json]) -> None:
+    """Put the table of `whole` or `growth` into results.json, and bring the pages up to date."""
+    key, what, make = TABLES[name]
+    figures = load()
+    note_run(figures, name, f"python -m benchmarks {name}")
+    put_table(figures, key, what, make(rows))
+    save(figures)
+    update(figures, check=False)
+
+
+def note_run(figures: Figures, name: str, command: str, note: str = "") -> None:
+    """Say of a run what was measured, when, with which sources and where."""
+    git = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+    today = datetime.now(UTC).date().isoformat()
+    figures.runs[name] = {"command": command, "date": today, "commit": git.stdout.strip(), "machine": machine()}
+    if note:
+        figures.runs[name]["note"] = note
+
+
+def short(sequence: Path) -> str:
+    """What a recording is called in keys: xyz for freiburg1_xyz_100."""
+    return sequence.name.removeprefix("freiburg1_").removesuffix("_100")
+
+
+def _tables(sequences: Sequence[Path], results: Path) -> Iterable[tuple[str, str, sections.Table]]:
+    """(key, what it is, table) of everything that was measured."""
+    for sequence in sequences:
+        folder, key, on = results / sequence.name, short(sequence), f", {sequence.name}"
         runs = {
-            name: read(folder / f"{key}.json") | {"usage": read(folder / f"{key}.usage.json")}
-            for key, name in METHODS.items()
+            name: read(folder / f"{method}.json") | {"usage": read(folder / f"{method}.usage.json")}
+            for method, name in METHODS.items()
         }
         runs = {name: run for name, run in runs.items() if "stages" in run}
-        paths = {name: folder / f"{key}.txt" for key, name in METHODS.items()}
+        paths = {name: folder / f"{method}.txt" for method, name in METHODS.items()}
         if runs:
-            parts += [f"## {sequence.name}", table(*sections.whole_runs(runs, paths, sequence))]
-            parts += [sections.ratios(runs), table(*sections.stages(runs))]
+            yield f"{key}.runs", "Accuracy and cost" + on, sections.whole_runs(runs, paths, sequence)
+            yield f"{key}.stages", "Seconds a stage" + on, sections.stages(runs)
         if again := read(folder / "again.json"):
-            parts += [sections.AGAIN_TEXT, table(*sections.again(again, runs))]
+            yield f"{key}.again", "A second run with one setting changed" + on, sections.again(again, runs)
         if same := read(folder / "same-poses.json"):
-            parts += [sections.same_poses_text(same), table(*sections.same_poses(same, folder, sequence))]
+            made = sections.same_poses(same, folder, sequence)
+            yield f"{key}.same-poses", "Averaging and pose graphs on the same edges" + on, made
         if ablation := read(folder / "ablation.json"):
-            parts += [sections.ABLATION_TEXT, table(*sections.ablation(ablation))]
+            yield f"{key}.ablation", "One thing changed at a time" + on, sections.ablation(ablation)
+    matching = {sequence.name: read(results / sequence.name / "matching.json") for sequence in sequences}
     if any(matching.values()):
-        parts += ["## Matching", sections.MATCHING_TEXT, table(*sections.matching(matching))]
+        yield "matching", "Matchers on the same features", sections.matching(matching)
     averaging = [row for path in sorted(results.glob("averaging-?.json")) for row in read(path).get("rows", [])]
     if averaging:
-        parts += ["## Averaging at scale", sections.AVERAGING_TEXT, table(*sections.averaging(averaging))]
+        yield "averaging", "View graphs with known poses", sections.averaging(averaging)
     scaling = {int(p.stem.split("-")[1]): p for p in results.glob("scaling-*.json") if "usage" not in p.name}
     if scaling:
         longer = {n: read(p) | {"usage": read(p.with_suffix(".usage.json"))} for n, p in sorted(scaling.items())}
         found = {n: sections.scores(p.with_suffix(".txt"), results / f"simulated_{n}") for n, p in scaling.items()}
-        parts += ["## Longer recordings", sections.SCALING_TEXT, table(*sections.scaling(longer, found))]
-    for name, (title, words, make) in TABLES.items():
-        if rows := read(results / f"{name}.json").get("rows"):
-            parts += [f"## {title}", words, table(*make(rows))]
-    output.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")
-
-
-def update(name: str, rows: Sequence[Json], output: Path) -> None:
-    """Replace the section of one of TABLES in BENCHMARK.md, or put it at the end; the others stay."""
-    title, words, make = TABLES[name]
-    head, *found = output.read_text(encoding="utf-8").rstrip().split("\n## ")
-    new = "\n\n".join([title, words, machine(), table(*make(rows))])
-    kept = [new if section.startswith(f"{title}\n") else section.rstrip() for section in found]
-    kept += [] if new in kept else [new]
-    output.write_text("\n\n## ".join([head.rstrip(), *kept]) + "\n", encoding="utf-8")
+        yield "scaling", "Simulated recordings of growing length", sections.scaling(longer, found)

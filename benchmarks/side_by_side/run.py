@@ -87,10 +87,8 @@ def simulate(job: Job) -> None:
         subprocess.run([sys.executable, "-m", "miniloop_cli", "simulate", str(folder), *options, "-q"], check=True)
 
 
-def run(
-    sequences: Sequence[Path], results: Path, output: Path, parts: Collection[str] = (), without: Collection[str] = ()
-) -> None:
-    """Measure all parts, those named `parts` alone, or all but those `without`; then write the page `output`.
+def run(sequences: Sequence[Path], results: Path, parts: Collection[str] = (), without: Collection[str] = ()) -> None:
+    """Measure all parts, those named `parts` alone, or all but those `without`; then record them in results.json.
 
     What is not measured now keeps what the folder `results` holds of it. Parts ON_DEMAND have to be named.
     """
@@ -100,6 +98,6 @@ def run(
             if job.part == "scaling":
                 simulate(job)
             measure(job.out, job.command)
-    from benchmarks.side_by_side.report import write  # late: the parent's memory counts in that of its children
+    from benchmarks.side_by_side.report import record  # late: the parent's memory counts in that of its children
 
-    write(sequences, results, output)
+    record(sequences, results)

@@ -6,57 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.figures.store import cell_text
+
 Json = dict[str, Any]
 Table = tuple[list[str], list[list[Any]]]
-
-PROTOCOL_TEXT = """\
-**How it is measured.** ATE: root mean square after SE(3) alignment on positions (Sim(3) for colour alone, which has no
-scale). Edge errors: mean relative rotation and translation error over one list of pairs (`benchmarks/edges/`, the pairs
-that overlap), the same for all. Ground truth: the nearest sample within 20 ms; in freiburg1 it is itself 10-30 ms and
-0.2-0.4 deg off. Seconds and memory are those of the whole process, interpreter, imports and reading of the images
-included, nothing taken from an earlier run, numba's compiled code loaded from its cache; CPU seconds are user and
-system time of all threads. Open3D gets miniloop's features, and in one row its matcher,
-as it has none of its own."""
-MATCHING_TEXT = """\
-Mutual nearest neighbours with the ratio test (0.8), exact, one thread; CPU milliseconds a pair of scans, each
-pair's fastest of three. "Same": share of its matches that miniloop finds too (bits tie: which of several equally near
-neighbours is taken differs)."""
-AVERAGING_TEXT = """\
-`python -m benchmarks averaging`: view graphs with known poses, 0.5 deg and 1 cm of noise along each axis; seconds of
-the call, wall clock. miniloop's include translations, pycolmap's and gtsam's (Shonan) are rotations alone."""
-AGAIN_TEXT = """\
-`miniloop register -q` as it is called, report and model included: from nothing, then again into the same folder with
-one setting of the averaging changed."""
-ABLATION_TEXT = """\
-One thing changed at a time (`python -m benchmarks ablation`). Wrong: share of edges whose own estimate, before
-averaging, is off by more than 5 deg or 10 cm. Seconds of all stages after the features, in one process with everything
-compiled."""
-SCALING_TEXT = """\
-Simulated recordings (320 x 240, `--path random-walk`, all in one room: every scan overlaps a fifth of all others and
-more), defaults. Wall seconds a stage."""
-
-WHOLE_TEXT = """\
-`python -m benchmarks whole`: every frame of a recording, from image files to trajectory; miniloop with report and
-model. ORB-SLAM3 by pyorbslam3, with the recording's camera and a vocabulary learned beforehand from the recording's
-own features. Frame to frame: mean relative error of neighbouring frames. Seconds and memory of the whole process."""
-GROWTH_TEXT = """\
-`python -m benchmarks growth`: simulated recordings (320 x 240, 30 Hz) of a person who walks through as many rooms as
-fit, and back. Loops: pairs of frames that see the same place at different visits, and the share that edges join;
-between rooms: those seen through a door."""
 
 
 def edge_list(sequence: Path) -> Path:
     """The list of edges that relative errors are measured on."""
     return Path(__file__).parents[1] / "edges" / f"{sequence.name}.txt"
-
-
-def text(value: Any) -> str:
-    """A cell: numbers to a sensible number of digits, "-" for none."""
-    if value is None:
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.3f}" if abs(value) < 0.1 else f"{value:.2f}" if abs(value) < 20 else f"{value:.0f}"
-    return str(value)
 
 
 def scores(trajectory: Path, sequence: Path, alignment: str = "SE3") -> Json:
@@ -80,27 +38,18 @@ def scores(trajectory: Path, sequence: Path, alignment: str = "SE3") -> Json:
 
 def whole_runs(runs: dict[str, Json], trajectories: dict[str, Path], sequence: Path) -> Table:
     """Accuracy beside time, a row a method."""
-    head = ["", "frames", "ATE cm", "edges deg", "edges cm", "edges", "wall s", "CPU s", "peak MB"]
-    rows = []
+    head = ["", "frames", "ATE cm", "edges deg", "edges cm", "edges", "wall s", "CPU s", "of miniloop's", "peak MB"]
+    rows, ours = [], runs.get("miniloop", {}).get("usage", {}).get("cpu")
     for name, run in runs.items():
         score = scores(trajectories[name], sequence, "Sim3" if "colour only" in name else "SE3")
         usage = run["usage"]
+        times = usage["cpu"] / ours if ours and not name.startswith("miniloop") else None
         rows.append(
             [name, f"{score.get('registered', 0)} of {run['frames']}"]
             + [score.get(key) for key in ("ate_cm", "edge_deg", "edge_cm")]
-            + [run["edges"], usage["wall"], usage["cpu"], round(usage["peak_mb"])]
+            + [run["edges"], usage["wall"], usage["cpu"], times and round(times, 1), round(usage["peak_mb"])]
         )
     return head, rows
-
-
-def ratios(runs: dict[str, Json]) -> str:
-    """How many times miniloop's CPU seconds the peers take."""
-    if "miniloop" not in runs:
-        return ""
-    ours = runs["miniloop"]["usage"]["cpu"]
-    peers = {name: run["usage"]["cpu"] for name, run in runs.items() if not name.startswith("miniloop")}
-    told = [f"{name} {cpu / ours:.1f}" for name, cpu in peers.items()]
-    return f"CPU seconds, miniloop = 1: {'; '.join(told)}." if told else ""
 
 
 def stages(runs: dict[str, Json]) -> Table:
@@ -109,7 +58,7 @@ def stages(runs: dict[str, Json]) -> Table:
     rows = []
     for name, run in runs.items():
         cells = [run["stages"].get(stage) for stage in names]
-        rows.append([name] + [f"{text(c['wall'])} / {text(c['cpu'])}" if c else "" for c in cells])
+        rows.append([name] + [f"{cell_text(c['wall'])} / {cell_text(c['cpu'])}" if c else "" for c in cells])
     return ["stage: wall / CPU s", *names], rows
 
 
@@ -121,14 +70,6 @@ def again(found: Json, runs: dict[str, Json]) -> Table:
         shares = [f"{100 * spent['wall'] / other:.1f} %" if other else None for other in (whole, multiway)]
         rows.append([changed, spent["wall"], spent["cpu"], *shares])
     return ["changed", "wall s", "CPU s", "of the run from nothing", "of Open3D multiway's wall s"], rows
-
-
-def same_poses_text(found: Json) -> str:
-    """What the table of averaging on the same edges shows."""
-    return (
-        f"**From relative to absolute poses**, on miniloop's {found['edges']} edges of {found['scans']} scans as they "
-        "are estimated; seconds include handing the problem over."
-    )
 
 
 def same_poses(found: Json, folder: Path, sequence: Path) -> Table:

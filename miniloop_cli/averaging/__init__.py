@@ -1,0 +1,1 @@
+"""Motion averaging: relative poses of edges to one pose for each scan."""

@@ -44,7 +44,7 @@ def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: In
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Factor:
-    """Approximate L D L' of the Laplacian with positive `weights`, scans of few edges first; D = 0 for the last one.
+    """Approximate L D L' of the Laplacian of pairs (m, 2), weights (m,) > 0, few edges first; D = 0 for the last scan.
 
     `uniform`: random numbers in [0, 1), taken in turn, again from the first when they run out.
     """

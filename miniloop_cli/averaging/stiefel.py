@@ -25,7 +25,7 @@ def multipliers(form: QuadraticForm, Y: Floats) -> Floats:
 
 
 def cost(form: QuadraticForm, Y: Floats) -> float:
-    """f(Y)."""
+    """f(Y) of Y (n, 4, r)."""
     return float((Y * form.times(Y)).sum())
 
 
@@ -38,7 +38,7 @@ def tangent(Y: Floats, Z: Floats) -> Floats:
 
 
 def retract(Y: Floats, X: Floats) -> Floats:
-    """Y moved along X, back onto the rotations: the nearest ones."""
+    """Y + X, both (n, 4, r), with the nearest rotations."""
     out = Y + X
     U, _, Vt = np.linalg.svd(out[:, :3], full_matrices=False)
     out[:, :3] = U @ Vt

@@ -30,6 +30,7 @@ LOOPS = 12
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def agree(a: Row, b: Row, near: Near) -> bool:
+    """Whether two poses differ by less than near: (cosine of half an angle, squared distance)."""
     if abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) < near[0]:
         return False
     return (a[4] - b[4]) ** 2 + (a[5] - b[5]) ** 2 + (a[6] - b[6]) ** 2 <= near[1]
@@ -37,7 +38,7 @@ def agree(a: Row, b: Row, near: Near) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def directed(T_j_i: Floats, pairs: Ints, e: int, v: int) -> Row:
-    """Edge e from scan v to the other one."""
+    """Edge e of T_j_i (m, 7) and pairs (m, 2) as the motion from scan v to the other scan."""
     a = load(T_j_i, e)
     return a if pairs[e, 0] == v else invert(a)
 
@@ -62,7 +63,7 @@ def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
-    """The free scan that waits longest in the highest level; -1: none."""
+    """The free scan that waits longest in the highest level of queue (levels, n); -1: none."""
     for k in range(LEVELS - 1, -1, -1):
         while head[k] < tail[k]:
             v = queue[k, head[k]]
@@ -183,7 +184,7 @@ def between(T: Floats, pairs: Ints, T_j_i: Floats) -> Floats:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def move(T: Floats, cluster: Ints, T_cluster: Floats) -> None:
-    """T <- T_cluster T in place."""
+    """T <- T_cluster T in place; T (n, 7), cluster (n,), T_cluster (clusters, 7)."""
     for v in range(len(T)):
         store(T, v, compose(load(T_cluster, cluster[v]), load(T, v)))
 
@@ -201,7 +202,7 @@ def vote_again(
     near: Near,
     voters: int,
 ) -> int:
-    """Every scan in `order` to where most of all its edges agree, in place; returns how many left their place."""
+    """Move each scan of order (k,) to where most of its edges agree, in place; returns how many scans moved."""
     proposal, vote, support = np.empty((voters, 7)), np.empty(voters), np.empty(voters)
     moved = 0
     for v in order:

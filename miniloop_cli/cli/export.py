@@ -88,21 +88,14 @@ def open_model(
     The camera is that of the run, unless another one is given.
     """
     from miniloop_cli.datasets import open_sequence
-    from miniloop_cli.errors import MiniloopError
     from miniloop_cli.export.model import Model
     from miniloop_cli.results.folder import Results, newest_result
+    from miniloop_cli.results.recording import reopened
 
     results = Results(result or newest_result())
     if camera is None and results.camera:
         camera = results.root / "camera.yaml"
     if sequence:
         return Model(results, open_sequence(sequence, layout, camera, follow_links=follow_links))
-    recorded = results.summary.get("recording")
-    if not recorded:
-        return Model(results)
-    try:
-        layout = layout or results.summary.get("layout")
-        topics = str(results.summary.get("topics", ""))
-        return Model(results, open_sequence(recorded, layout, camera, follow_links=follow_links, topics=topics))
-    except (MiniloopError, TypeError) as error:  # moved since, or damaged: a format that needs it asks for it
-        return Model(results, problem=str(error))
+    found, problem = reopened(results, layout, camera, follow_links)
+    return Model(results, found, problem)  # without it, a format that needs it asks for it

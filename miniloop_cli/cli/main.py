@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from miniloop_cli.errors import MiniloopError, interrupted, out_of_memory
+from miniloop_cli.runtime.allocator import keep_freed_memory
 from miniloop_cli.runtime.kernel_cache import prepare_kernels_folder
 from miniloop_cli.runtime.signals import heeded_interrupts
 from miniloop_cli.version import __version__
@@ -93,6 +94,7 @@ def main(args: list[str] | None = None, command: click.Command = cli, program: s
     args = sys.argv[1:] if args is None else args
     _open_closed_streams()
     gc.set_threshold(YOUNG_OBJECTS)
+    keep_freed_memory()
     with heeded_interrupts():
         _run(command, args, program)
 

@@ -65,7 +65,8 @@ def mesh(
     Example:   miniloop mesh results/desk -o desk.glb
     """
     from miniloop_cli.export.make_mesh import Wishes, make_mesh
-    from miniloop_cli.export.mesh_file import to_y_up, write_mesh
+    from miniloop_cli.export.mesh_file import write_mesh
+    from miniloop_cli.geometry.upward import to_y_up
     from miniloop_cli.results.ply import write_ply
 
     path = mesh_path(output)

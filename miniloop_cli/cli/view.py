@@ -78,8 +78,10 @@ def _what(
 ) -> Shown:
     """A result, with its recording where that can be opened, or a model."""
     from miniloop_cli.errors import InputError
-    from miniloop_cli.report.viewer.shown import show_model, show_result
+    from miniloop_cli.report.viewer.map_scene import load_map
+    from miniloop_cli.report.viewer.shown import show_map, show_model, show_result
     from miniloop_cli.results.columns import load
+    from miniloop_cli.results.map_folder import has_map, read_manifest, read_map
 
     model = None
     if shown and shown.is_file():
@@ -89,6 +91,8 @@ def _what(
         if not of_a_result:
             return show_model(shown, up)
         shown, model = shown.parent, shown
+    if shown and has_map(shown) and len(read_manifest(shown)["recordings"]) > 1:
+        return show_map(load_map(shown, read_map(shown)), shown)
     opened = open_model(shown, sequence, layout, camera, follow_links)
     if opened.problem and not quiet:
         click.echo(f"shown without images: {opened.problem}", err=True)

@@ -94,7 +94,7 @@ def read_orientation(file: BinaryIO) -> int:
 
 
 def decode(data: bytes, upright: bool = False) -> NDArray[Any]:
-    """The pixels of an image file as stored: RGB, or (h, w) of one channel, of uint8, uint16 or float32.
+    """The pixels of an image file as stored: RGB, or (h, w) of one channel, of uint8, uint16 or float32; read only.
 
     The EXIF orientation is applied only if `upright`, as depth has none. Raises InputError (reason only) for data
     that are damaged, truncated or too large; the size is checked before anything is decoded.
@@ -110,8 +110,8 @@ def decode(data: bytes, upright: bool = False) -> NDArray[Any]:
     with damage(f"damaged {image.format}, it cannot be decoded"):
         _open(io.BytesIO(data))[0].verify()  # checksums, which decoding leaves out
         image.info.pop("transparency", None)  # what is transparent has a colour too; Pillow would warn about it
-        plain = image if image.mode in ("I;16", "L") else image.convert("RGB")
-        return np.array(ImageOps.exif_transpose(plain) if upright else plain)
+        plain = image if image.mode in ("I;16", "L", "RGB") else image.convert("RGB")
+        return np.asarray(ImageOps.exif_transpose(plain) if upright else plain)
 
 
 def _open(file: BinaryIO) -> tuple[Decoder, bytes]:

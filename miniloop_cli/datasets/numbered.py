@@ -74,7 +74,7 @@ def color_size(frames: tuple[Frame, ...]) -> tuple[int, int] | None:
 
 
 def read_matrix(path: Path, shape: tuple[int, int]) -> Floats:
-    """A matrix of numbers, row by row in a text file; NaN and infinity allowed. Raises InputError naming the file."""
+    """A matrix (rows, columns) from a text file; NaN and infinity allowed. Raises InputError naming the file."""
     try:
         values = [float(text) for _, line in read_lines(path) for text in line.replace(",", " ").split()]
     except ValueError:
@@ -98,7 +98,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def numbers(value: Any, count: int, where: str) -> Floats:
-    """A (nested) JSON list of `count` numbers as a flat array. Raises InputError naming `where`."""
+    """A (nested) JSON list of numbers as an array (count,). Raises InputError naming `where`."""
     try:
         array = np.asarray(value, float).ravel()
     except (ValueError, TypeError, OverflowError):
@@ -122,7 +122,7 @@ def usable_pose(T: Floats, where: str) -> Floats | None:
 
 
 def trajectory_of(poses: Mapping[float, Floats | None], where: str) -> Trajectory:
-    """Poses by stamp, frames without one left out. Raises InputError naming `where` if none is left."""
+    """Poses (4, 4) by stamp, frames without one left out. Raises InputError naming `where` if none is left."""
     known = {stamp: T for stamp, T in sorted(poses.items()) if T is not None}
     if not known:
         raise InputError(f"{where}: no frame has a pose")

@@ -20,7 +20,7 @@ MIN_MOVED_PX = 0.25  # less at the corners of the image is not worth resampling 
 def with_own_cameras(
     frames: tuple[Frame, ...], pinholes: Mapping[ImageSource, Floats], common: Camera
 ) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
-    """Frames with the cameras (fx fy cx cy) of their colour images where these differ from the common one; notes."""
+    """Frames with their own cameras (4,) fx fy cx cy where these differ from the common one; notes."""
     own = []
     for frame in frames:
         found = pinholes.get(frame.color)
@@ -62,7 +62,7 @@ def with_camera(sequence: Sequence, camera: Camera) -> Sequence:
 def to_common(
     color: NDArray[np.uint8], stored: NDArray, own: Camera, common: Camera
 ) -> tuple[NDArray[np.uint8], NDArray, NDArray[np.bool_]]:
-    """Colour and depth of a frame's own camera as the common camera sees them, and which pixels it did not see.
+    """Colour (h, w, 3) and depth (h, w) of a frame's own camera as the common one sees them; which pixels it missed.
 
     Depth along the optical axis stays what it is; it takes the nearest pixel, so that none is made up.
     """

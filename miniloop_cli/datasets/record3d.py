@@ -57,14 +57,14 @@ def clock(data: dict[str, Any], where: str) -> tuple[float, Floats | None]:
 
 
 def timed(stream: Stream, times_s: Floats) -> Stream:
-    """A stream with the times of its frame numbers; as it is where they do not reach."""
+    """A stream with the times (n,) of its frame numbers; unchanged if there are too few."""
     if stream.numbers is None or stream.numbers[-1] >= len(times_s):
         return stream
     return replace(stream, times=times_s[stream.numbers], unit=SECONDS)
 
 
 def too_few_times(color: Stream, times_s: Floats) -> tuple[Note, ...]:
-    """A note where the metadata have fewer times than frames."""
+    """A note if the metadata have fewer times (n,) than frames."""
     if color.numbers is None or color.numbers[-1] < len(times_s):
         return ()
     text = f"frameTimestamps has {len(times_s)} times, too few for frame numbers up to {color.numbers[-1]}: not used"
@@ -74,7 +74,7 @@ def too_few_times(color: Stream, times_s: Floats) -> tuple[Note, ...]:
 def cameras(
     data: dict[str, Any], where: str, color: Stream, name: str, depth_scale: float = 1000.0
 ) -> tuple[Camera, dict[ImageSource, Floats]]:
-    """The camera of the recording, and each image's own (fx fy cx cy) where the metadata state them.
+    """The camera of the recording, and each image's own (4,) fx fy cx cy if the metadata state them.
 
     Where they do, their median is the camera. `name` is that of the metadata, for messages. Raises InputError.
     """

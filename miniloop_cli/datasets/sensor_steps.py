@@ -26,7 +26,7 @@ def too_large_by(step_per_m: float, clarity: float) -> float | None:
 
 
 def disparity_step(depths_m: Many[Floats32]) -> tuple[float, float]:
-    """Step of the readings in inverse depth (1/m) and how pronounced it is, 0 to 1 (1: readings only at the steps).
+    """Step of the readings (h, w) in inverse depth (1/m), and how pronounced it is, 0 to 1 (1: all on steps).
 
     The highest peak of the periodogram of the histogram of 1/z. Multiples of a frequency ring as well, so the largest
     step that is nearly as pronounced as the best is taken.

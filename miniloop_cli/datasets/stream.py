@@ -36,13 +36,13 @@ class Stream:
     notes: tuple[Note, ...] = ()
 
     def starts(self) -> Ints:
-        """Where the clock starts again; only the order of a table, or a counter beside the times, can tell."""
+        """Rows (k,) where the clock starts again; the order of a table, or a counter beside the times, tells."""
         ordered = self.times is not None and (self.numbers is not None or not self.where.endswith("/"))
         return clock_starts(self.times) if ordered and self.times is not None else np.zeros(1, np.int64)
 
 
 def seconds_of(numbers: Ints | None, times: Floats | None, unit: Unit | None, rate_hz: float = RATE_HZ) -> Floats:
-    """Times in seconds; where there are none, numbers at `rate_hz` frames a second."""
+    """Times (n,) in seconds; without times, numbers (n,) at `rate_hz` frames a second."""
     if times is not None and unit is not None:
         return in_seconds(times, unit)
     assert numbers is not None

@@ -55,7 +55,7 @@ def counts_rows(stamps: Floats) -> bool:
 
 
 def by_number(file: PoseFile, numbered: Mapping[str, Floats]) -> Trajectory:
-    """Poses without stamps, by frame number. Raises InputError unless they are as many as the frames."""
+    """Poses without stamps, by the frame stamps (n,). Raises InputError unless they are as many as the frames."""
     for name, stamps_s in numbered.items():
         whole = file.numbers is None or np.array_equal(file.numbers, np.arange(len(stamps_s)))
         if whole and len(file.T_world_cam) == len(stamps_s):

@@ -17,7 +17,7 @@ from miniloop_cli.typing import Ints
 
 
 def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: str) -> tuple[Stream, tuple[Note, ...]]:
-    """The frames of a video with the numbers of the depth images that belong to them, and notes.
+    """The frames of a video with the numbers of the depth images (n,) that belong to them, and notes.
 
     `times_s`: the times of frames by number, from the file called `table`; the video's own clock where there are none.
     The k-th frame has the k-th number of that file if both are as many, else the k-th of the depth images if these are.

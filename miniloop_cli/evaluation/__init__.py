@@ -1,0 +1,1 @@
+"""Errors of a result against a ground truth."""

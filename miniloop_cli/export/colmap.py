@@ -79,7 +79,7 @@ def write_images(model: Model, folder: Path, names: list[str], landmarks: Landma
 
 
 def thinned_cloud(model: Model) -> tuple[Floats32, Bytes]:
-    """Every N-th point of cloud.ply, at most MOST_POINTS; none without the file."""
+    """Every N-th point (n, 3) of cloud.ply and its colour, at most MOST_POINTS; none without the file."""
     path = model.results.root / "cloud.ply"
     if not path.is_file():
         return np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)

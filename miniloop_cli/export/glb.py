@@ -33,7 +33,7 @@ def write_glb(path: Path, mesh: Mesh, T_up_world: Floats) -> Path:
 
 
 def glb(mesh: Mesh, T_up_world: Floats) -> bytes:
-    """The bytes of the file that `write_glb` writes."""
+    """The bytes of the file that `write_glb` writes; T_up_world (4, 4)."""
     buffers = Buffers()
     attributes = {"POSITION": buffers.accessor(np.asarray(mesh.vertices, np.float32), "VEC3", VERTICES, bounds=True)}
     material: dict[str, Any] = {"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}}
@@ -83,7 +83,7 @@ class Buffers:
         return len(self.views) - 1
 
     def accessor(self, values: NDArray[Any], kind: str, target: int, bounds: bool = False) -> int:
-        """The number of a new accessor; its buffer view is its own. `bounds`: with minimum and maximum."""
+        """The number of a new accessor of values (n, k) with its own view. `bounds`: with minimum and maximum."""
         component = {np.float32: FLOAT, np.uint16: USHORT, np.uint32: UINT}[values.dtype.type]
         view = self.view(np.ascontiguousarray(values).tobytes(), target=target)
         about: dict[str, Any] = {"bufferView": view, "componentType": component, "count": len(values), "type": kind}

@@ -93,7 +93,7 @@ def fuse(
 
 
 def in_order(points: Any) -> tuple[Floats32, Bytes, Ints]:
-    """Positions, colours and their order: sorted, as Open3D's threads leave them in another one each time."""
+    """Positions (n, 3), colours (n, 3) and their order (n,), sorted: the order of Open3D's threads changes."""
     positions, colors = points.positions.numpy(), to_bytes(points.colors.numpy())
     order = np.lexsort((*colors.T, *positions.T[::-1]))
     return positions[order], colors[order], order
@@ -151,5 +151,5 @@ def exceeds(grid: Any, blocks: Any, most_blocks: int) -> bool:
 
 
 def to_bytes(colors: Floats32) -> Bytes:
-    """Colours from [0, 1] to [0, 255]."""
+    """Colours (n, 3) from [0, 1] to [0, 255]."""
     return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)

@@ -11,13 +11,11 @@ from miniloop_cli.export.glb import write_glb
 from miniloop_cli.export.mesh_model import Mesh
 from miniloop_cli.export.obj import write_bytes, write_obj
 from miniloop_cli.export.texture_image import jpeg
-from miniloop_cli.geometry import se3
 from miniloop_cli.results.ply import write_ply
 from miniloop_cli.typing import Floats
 
 SUFFIXES = (".glb", ".obj", ".ply")
 OTHER_SUFFIXES = tuple(".gltf .stl .off .fbx .dae .usd .usdz .3ds .x3d .3mf .vtk .drc".split())
-Z_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])  # to y up
 
 
 def write_mesh(path: Path, mesh: Mesh, T_up_world: Floats) -> list[Path]:
@@ -40,22 +38,3 @@ def write_mesh(path: Path, mesh: Mesh, T_up_world: Floats) -> list[Path]:
     uv = np.stack([mesh.texture.uv[:, 0], 1 - mesh.texture.uv[:, 1]], axis=1)
     write_ply(path, mesh.vertices, mesh.colors, mesh.triangles, uv=uv, texture=image.name)
     return [path, image]
-
-
-def to_y_up(T_world_cam: Floats, leveled: bool) -> Floats:
-    """(4, 4) turn of a world to glTF's axes, y up: of z where gravity leveled it, else of the cameras' mean vertical.
-
-    People hold cameras upright more often than not: without gravity this is a guess, good for looking at the model.
-    """
-    if leveled:
-        return Z_UP
-    up = -T_world_cam[:, :3, 1].mean(axis=0)
-    if np.linalg.norm(up) < 1e-6:
-        up = -T_world_cam[0, :3, 1]
-    y = up / np.linalg.norm(up)
-    forward = T_world_cam[:, :3, 2].mean(axis=0)
-    x = np.cross(forward, y)
-    if np.linalg.norm(x) < 1e-6:
-        x = np.cross(np.eye(3)[np.abs(y).argmin()], y)
-    x /= np.linalg.norm(x)
-    return se3.pose(np.stack([x, y, np.cross(x, y)]), np.zeros(3))

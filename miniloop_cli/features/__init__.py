@@ -1,0 +1,1 @@
+"""Detectors, descriptors, matching, retrieval."""

@@ -63,7 +63,7 @@ class Searchable:
 
 
 def searchable(features: ScanFeatures, descriptors: Bytes, camera: Camera) -> Searchable:
-    """Features made ready for guided matching."""
+    """Features with descriptors (n, d), ready for guided matching."""
     columns, rows = _columns(camera), int(camera.height // CELL_PX) + 1
     x = np.clip(features.px_ideal[:, 0] // CELL_PX, 0, columns - 1).astype(np.int64)
     y = np.clip(features.px_ideal[:, 1] // CELL_PX, 0, rows - 1).astype(np.int64)

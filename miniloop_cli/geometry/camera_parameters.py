@@ -24,7 +24,7 @@ _STEP = 1e-5
 
 
 def numbers(*names: str) -> Ints:
-    """Where the parameters of these names stand."""
+    """The places (k,) of the parameters of these names."""
     return np.array([NAMES.index(name) for name in names], np.int64)
 
 

@@ -10,7 +10,7 @@ from miniloop_cli.typing import Floats
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def distort_radial_tangential(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
-    """`radial_tangential.distort` of one point, with eight coefficients and the first number of its `limit`."""
+    """`radial_tangential.distort` of one point, with coefficients c (8,) and the first number of its `limit`."""
     s = x * x + y * y
     if not s <= limit * limit:
         return np.nan, np.nan
@@ -21,7 +21,7 @@ def distort_radial_tangential(x: float, y: float, c: Floats, limit: float) -> tu
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def distort_fisheye(x: float, y: float, c: Floats, limit: float) -> tuple[float, float]:
-    """`fisheye.distort` of one point, with the first number of its `limit`."""
+    """`fisheye.distort` of one point, with coefficients c (4,) and the first number of its `limit`."""
     radius = np.sqrt(x * x + y * y)
     theta = np.arctan(radius)
     if not theta <= limit:

@@ -19,11 +19,13 @@ def rows(T: Floats) -> Floats:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def load(T: Floats, i: int) -> Row:
+    """Row i of T (n, 7)."""
     return T[i, 0], T[i, 1], T[i, 2], T[i, 3], T[i, 4], T[i, 5], T[i, 6]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def store(T: Floats, i: int, a: Row) -> None:
+    """Write row i of T (n, 7)."""
     for c in range(7):
         T[i, c] = a[c]
 
@@ -39,6 +41,7 @@ def compose(a: Row, b: Row) -> Row:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def invert(a: Row) -> Row:
+    """The inverse of a pose."""
     q = (a[0], -a[1], -a[2], -a[3])
     t = product(product(q, (0.0, a[4], a[5], a[6])), conjugate(q))
     return q[0], q[1], q[2], q[3], -t[1], -t[2], -t[3]

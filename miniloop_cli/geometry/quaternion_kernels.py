@@ -18,16 +18,19 @@ Quaternion = tuple[float, float, float, float]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def load(q: Floats, i: int) -> Quaternion:
+    """Row i of q (n, 4), w first."""
     return q[i, 0], q[i, 1], q[i, 2], q[i, 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def conjugate(a: Quaternion) -> Quaternion:
+    """The inverse of a unit quaternion."""
     return a[0], -a[1], -a[2], -a[3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton's product a b: first b, then a."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -69,7 +72,7 @@ def update(q: Floats, x: Floats) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def chain(pairs: Ints, q_j_i: Floats, order: Ints, via: Ints) -> Floats:
-    """Rotations along a tree: scans in `order` (root first), each from its edge `via` to one already placed."""
+    """Rotations (n, 4) along a tree: scans in order (n,), root first, each by its edge via (n,) to a placed one."""
     q = np.zeros((len(order), 4))
     q[:, 0] = 1.0
     for k in range(1, len(order)):

@@ -1,0 +1,1 @@
+"""The overlap graph and its cycles."""

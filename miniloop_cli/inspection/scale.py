@@ -51,7 +51,7 @@ class FocalFit:
         return " or less" if self.factor <= FACTORS[0] else " or more" if self.factor >= FACTORS[-1] else ""
 
     def T_j_i(self) -> dict[tuple[int, int], Floats]:
-        """Poses with the focal length to be believed: the given one unless it is contradicted."""
+        """Poses (4, 4) with the focal length to be believed: the given one unless it is contradicted."""
         k = int(np.argmin(np.abs(np.log(FACTORS / (self.factor if self.contradicts else 1.0)))))
         return {key: poses[k] for key, poses in self.poses.items()}
 

@@ -1,0 +1,1 @@
+"""Joining recordings to a map, and locating images in it."""

@@ -25,7 +25,7 @@ def map_of(part: MapPart, settings: Mapping[str, Any], seed: int) -> SceneMap:
 
 
 def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> MapPoints:
-    """Points that keyframes of these recordings saw, at the poses (K, 4, 4) of all; `between`: edges that join them."""
+    """Points that keyframes of these recordings saw, at T_world_cam (K, 4, 4); `between`: edges that join them."""
     points = [scan_points(features, part.camera) for part in parts for features in part.features]
     first = np.cumsum([0, *(len(part) for part in parts)])
     pairs = [part.edges.pairs + start for part, start in zip(parts, first, strict=False)]

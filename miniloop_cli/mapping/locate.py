@@ -131,7 +131,7 @@ class Locator:
         return found
 
     def near(self, T_world_cam: Floats, piece: int) -> Ints:
-        """Numbers of the keyframes of a piece that show most of what an image at this pose shows."""
+        """Numbers (k,) of the keyframes of a piece that share most with the view from T_world_cam (4, 4)."""
         p_cam = (self.sample - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
         with np.errstate(invalid="ignore", divide="ignore"):
             u, v = (

@@ -57,7 +57,7 @@ def part_of(run: Registration, feature_type: str) -> MapPart:
 
 
 def feature_uses(edges: EdgeTable, counts: list[int]) -> list[Ints]:
-    """In how many edges each feature of each scan (of `counts` features) is an inlier."""
+    """For each scan, in how many edges each of its features is an inlier, (count,)."""
     uses = [np.zeros(count, np.int64) for count in counts]
     for e in range(len(edges)):
         rows = edges.inlier_rows(e)
@@ -74,7 +74,7 @@ def chosen_features(features: ScanFeatures, uses: Ints, most: int = MAP_FEATURES
 
 
 def of_rows(features: ScanFeatures, rows: Ints) -> ScanFeatures:
-    """These features (ascending rows)."""
+    """The features of ascending rows (k,)."""
     f = features
     places = f.px[rows], f.px_ideal[rows], f.z_m[rows], f.slope[rows]
     return ScanFeatures(*places, f.outline[rows], f.descriptors[rows])
@@ -119,7 +119,7 @@ def at_one_instant(
 
 
 def between_rows(edges: EdgeTable, scans: Ints, rows: list[Ints]) -> EdgeTable:
-    """The edges between `scans`, numbered by their places there; of their inliers those between kept feature rows."""
+    """The edges among scans (k,), numbered by their places there, with the inliers among the kept rows (f,) of each."""
     edges = edges.subset(np.isin(edges.i, scans) & np.isin(edges.j, scans))
     i, j = np.searchsorted(scans, edges.i), np.searchsorted(scans, edges.j)
     matches = []

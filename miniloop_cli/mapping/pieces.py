@@ -49,7 +49,7 @@ def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) ->
 
 
 def whole_recordings(T_own: Floats, poses: Poses, inside: Ints, of_part: Ints) -> Floats:
-    """(K, 4, 4) averaged poses of the keyframes `inside` a piece; keyframes that averaging lost lie beside their own.
+    """Poses (K, 4, 4) of the keyframes inside (k,) a piece; lost keyframes keep their motion within their recording.
 
     T_own (K, 4, 4): poses of the keyframes in the worlds of their recordings. A lost keyframe keeps its motion to the
     nearest one of its recording that has a pose.

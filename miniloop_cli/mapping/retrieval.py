@@ -17,7 +17,7 @@ TRAINING = 5000  # descriptors that the words are learnt from: more make maps sl
 
 
 def small(descriptors: NDArray, feature_type: str) -> Bytes:
-    """The strongest descriptors of an image, as vocabularies take them."""
+    """The strongest descriptors (n, d) of an image as bytes, as vocabularies take them."""
     return compact(descriptors[:DESCRIBED_FEATURES], feature_type)[0]
 
 

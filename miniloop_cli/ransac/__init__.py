@@ -1,0 +1,1 @@
+"""The robust estimator of pairs and cycles."""

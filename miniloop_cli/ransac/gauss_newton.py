@@ -85,7 +85,7 @@ def perturb(T: Floats, xi: Floats) -> None:
 
 @njit(**OPTIONS)
 def cholesky_solve(A: Floats, b: Floats) -> bool:
-    """Solve the symmetric positive definite A x = b; A and b are overwritten, b by x. False if A is singular."""
+    """Solve A x = b, A (n, n) symmetric positive definite; b (n,) becomes x, A is overwritten. False if singular."""
     n = A.shape[0]
     for j in range(n):
         d = A[j, j]

@@ -76,7 +76,7 @@ def refine_locally(
 
 
 def select_matches(matches: Packed, kept: Bools) -> Packed:
-    """The matches (N,) that are to be kept."""
+    """The matches that `kept`, (N,) for all edges, marks."""
     before = np.concatenate([[0], np.cumsum(kept)])
     P, Q, CP, CQ = (np.ascontiguousarray(x[:, kept]) for x in matches[:4])
     return Packed(P, Q, CP, CQ, before[matches.start])

@@ -74,7 +74,7 @@ def pack(edges: Sequence[EdgeMatches]) -> Packed:
 
 
 def edge_matches(points: Sequence[ScanPoints], pair: Pair, rows: Ints) -> EdgeMatches:
-    """The matches of a pair in space, from scan pair[0] to scan pair[1]."""
+    """Matches of a pair in space, from scan pair[0] to scan pair[1]; rows (k, 2) number the features."""
     a, b = points[pair[0]], points[pair[1]]
     return EdgeMatches(
         a.points_m[rows[:, 0]], b.points_m[rows[:, 1]], a.covariances_m2[rows[:, 0]], b.covariances_m2[rows[:, 1]]

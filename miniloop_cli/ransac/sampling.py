@@ -18,7 +18,7 @@ TRIES = 256  # draws before an edge is given up for this hypothesis
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def spread_m(X: Floats, first: int, last: int, axes: int) -> float:
-    """Root mean square distance of the points X[:axes, first:last] from their mean; 0 without points."""
+    """RMS distance of the columns first to last of X (3, n) from their mean, over `axes` axes; 0 without points."""
     count = last - first
     total = 0.0
     for axis in range(axes):

@@ -1,0 +1,1 @@
+"""Joint refinement of all poses: bundle adjustment and pose graph."""

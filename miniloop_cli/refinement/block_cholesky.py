@@ -37,6 +37,12 @@ class BlockPattern:
         key = np.repeat(np.arange(m), np.diff(self.start)) * m + self.row
         self._slot = np.searchsorted(key, column * m + row)
 
+    @property
+    def products(self) -> float:
+        """Multiplications that a factorisation takes, about."""
+        below = np.diff(self.start) - 1.0
+        return float(216 * (below**2).sum())
+
     def factor(self, blocks: Floats, kept: Ints | None = None) -> Floats:
         """The factor, (len(row), 6, 6) blocks L_ij^T column by column, of (k, 6, 6) blocks in the order given at first.
 

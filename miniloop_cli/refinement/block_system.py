@@ -13,16 +13,11 @@ from miniloop_cli.typing import Bools, Floats, Ints
 
 Method = Literal["dense", "sparse", "gradients"]
 
-DENSE_UP_TO = 300  # poses; beyond, the sparse factorisation is faster unless most poses see each other
-DENSE_SHARE = 0.2
+SMALL = 128  # poses: a dense factorisation takes milliseconds
+DENSE_UP_TO = 300  # poses; beyond, gradients are faster where most poses see each other
+FULL_SHARE = 0.5  # of the blocks: where more are there, the factor has them all
+SPARSE_WORK = 0.15  # of the products of a dense factorisation; BLAS makes a product in a sixth of the time
 TOLERANCE, MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
-
-
-def fastest_method(poses: int, blocks: int) -> Method:
-    """How a system of so many block rows, and blocks in its upper triangle, is solved in the least time."""
-    if poses <= DENSE_UP_TO:
-        return "dense"
-    return "gradients" if blocks > DENSE_SHARE * poses * poses / 2 else "sparse"
 
 
 class BlockIndex(NamedTuple):
@@ -54,7 +49,16 @@ class BlockSystem:
         place = np.cumsum(~held) - 1
         self._kept = np.flatnonzero(~held[self.rows] & ~held[self.cols])
         self._r, self._c = place[self.rows[self._kept]], place[self.cols[self._kept]]
-        self.method = method or fastest_method(len(self.free), len(self._kept))
+        self.method = method or self._fastest_method()
+
+    def _fastest_method(self) -> Method:
+        """By what a sparse factorisation has to do, which its fill-in tells."""
+        m = len(self.free)
+        if m <= SMALL:
+            return "dense"
+        if len(self._kept) < FULL_SHARE * m * m / 2 and self._sparse.products < SPARSE_WORK * (6 * m) ** 3 / 3:
+            return "sparse"
+        return "dense" if m <= DENSE_UP_TO else "gradients"
 
     def __len__(self) -> int:
         return len(self.rows)

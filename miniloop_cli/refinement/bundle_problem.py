@@ -27,7 +27,7 @@ _LEAST_LEFT = 1e-5  # of what is known of a pose: with less, a single part of th
 
 
 def lost(S: Floats, count: int) -> Ints:
-    """Poses, whose blocks are the first `count`, that lie where none of their observations says anything."""
+    """The first `count` poses whose blocks S (n, 6, 6) are zero: no observation determines them."""
     return np.flatnonzero(~S[:count].any(axis=(1, 2)))
 
 

@@ -36,7 +36,7 @@ SCALE = {Trust.GUESS: 0.02, Trust.FACTORY: 0.005, Trust.CALIBRATED: 0.005}
 
 
 def prior_sigmas(camera: Camera) -> Floats:
-    """(len(NAMES),) standard deviations of the parameters about the camera's."""
+    """Standard deviations (p,) of the parameters NAMES about those of the camera."""
     known = _SIGMAS[camera.trust]
     unit = {"cx": float(camera.width), "cy": float(camera.width)}
     return np.array([known[name] * unit.get(name, 1.0) for name in NAMES])

@@ -56,7 +56,7 @@ def _choose(longest: Ints, start: Ints, frame: Ints, count: Ints, per_frame: int
 
 
 def joined(of_keyframes: Measurements, keyframes: Ints, followed: Measurements) -> Measurements:
-    """Measurements of the keyframes' features, and of followed points, by frames of the whole recording."""
+    """Measurements of the features of keyframes (K,) and of followed points, by frames of the whole recording."""
     first = int(of_keyframes.track.max(initial=-1)) + 1
     parts = replace(of_keyframes, frame=keyframes[of_keyframes.frame]), replace(followed, track=followed.track + first)
     names = Measurements.__dataclass_fields__

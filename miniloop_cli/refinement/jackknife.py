@@ -25,5 +25,5 @@ def image_part(px: Floats, camera: Camera) -> Ints:
 
 
 def remaining_fraction(part: Ints) -> Floats:
-    """Share (PARTS,) of the measurements that is left without each part: weights of the squared changes."""
+    """Share (p,) of the measurements, part (n,) of each, that is left without each of the PARTS parts."""
     return 1 - np.bincount(part, minlength=PARTS) / max(len(part), 1)

@@ -108,7 +108,7 @@ def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timin
 
 
 def six_digits(values: Floats) -> Floats:
-    """The values with six significant digits; zero, infinity and NaN as they are."""
+    """The values (...) with six significant digits; zero, infinity and NaN stay as they are."""
     kept = np.isfinite(values) & (values != 0)
     unit = 10.0 ** (np.floor(np.log10(np.abs(values, where=kept, out=np.ones_like(values)))) - 5)
     return np.where(kept, np.round(values / unit) * unit, values)

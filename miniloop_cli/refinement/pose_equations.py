@@ -23,7 +23,7 @@ def term_pairs(terms: Sequence[PoseTerm]) -> Ints:
 
 
 def touched(terms: Sequence[PoseTerm], count: int) -> Bools:
-    """Which of the `count` poses the terms depend on."""
+    """Which poses, (count,), the terms depend on."""
     found = np.zeros(count, bool)
     for term in terms:
         found[term.frames.ravel()] = True

@@ -74,7 +74,7 @@ def adjust_upright(
     T: Floats, measured: Measurements, moving: MovingCamera, settings: BundleSettings, jobs: int,
     px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
 ) -> BundleResult:  # fmt: skip
-    """`adjust`, where there is an accelerometer with z up and the poses held upright."""
+    """`adjust` of T (n, 4, 4), held upright if there is an accelerometer, in a world whose z is up."""
     found = None
     if moving.accelerometer is not None:
         found = upright(moving.accelerometer, T, moving.stamps_s, moving.known)
@@ -89,7 +89,7 @@ def adjust_moving(
     T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
 ) -> tuple[BundleResult, Timing, Twists | None]:  # fmt: skip
-    """Bundle adjustment with the timing undone, the timing that was, and the motion within frames that undid it.
+    """Bundle adjustment of T (n, 4, 4) with timing and motion undone; the timing and motion that were undone.
 
     The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
     frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
@@ -133,7 +133,7 @@ def _undone(
 def calibrate(
     T: Floats, tracked: Measurements, moving: MovingCamera, rough: BundleSettings, jobs: int
 ) -> tuple[Timing, Floats]:
-    """Readout time and lag of depth under which the measurements agree best, and poses adjusted with them.
+    """Readout time and lag of depth (s) under which measurements agree best; poses (n, 4, 4) adjusted with them.
 
     Quasi-Newton steps in the two times, each after a bundle adjustment of part of the tracks, and of a long recording
     of a part of its frames: the slopes of the cost are exact there. How they change is learned from step to step, as it

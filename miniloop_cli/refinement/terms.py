@@ -29,7 +29,7 @@ class PointTerm(Protocol):
         ...
 
     def of(self, rows: Ints) -> Self:
-        """The term of these observations, in this order."""
+        """The term of the observations of rows (m,), in this order."""
         ...
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,8 @@ from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, file_fi
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
 
-PICTURES = Artifact("pictures", 1)
+PICTURES = Artifact("pictures", 2)
+QUALITY = 65  # of what a page carries
 FARTHEST_M = 1e6
 VIEWS_DEG = ((0, 0), (25, 30))  # yaw, pitch
 SIZE = (960, 640)
@@ -35,7 +36,7 @@ def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int,
         if len(points) >= FEWEST_POINTS:
             for k, (yaw_deg, pitch_deg) in enumerate(VIEWS_DEG):
                 view = overview(points, T_world_cam, yaw_deg, pitch_deg, SIZE)
-                found[f"view_{k}"] = jpeg(render(points, colors, view))
+                found[f"view_{k}"] = jpeg(render(points, colors, view), QUALITY)
         return found
 
     kept = store.cached(PICTURES, ("model", file_fingerprint(cloud), T_world_cam), drawn)
@@ -47,7 +48,7 @@ def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats,
 
     def drawn() -> Arrays:
         picture = match_picture(sequence, i, j, px_i, px_j)
-        return {"jpeg": np.zeros(0, np.uint8) if picture is None else jpeg(picture)}
+        return {"jpeg": np.zeros(0, np.uint8) if picture is None else jpeg(picture, QUALITY)}
 
     if max(i, j) >= len(sequence.frames):
         return None

@@ -98,7 +98,7 @@ class Graph:
 
 
 def overlap_graph(edges: Edges, n: int, registered: Bools) -> Graph:
-    """Frames around a circle in order of time, edges as chords in the colour of the cycle that solved them."""
+    """Frames, registered (n,) or not, around a circle; edges as chords in the colour of what solved them."""
     size, radius = 460, 200
     angle = 2 * np.pi * np.arange(n) / max(n, 1)
     right, up = np.sin(angle), np.cos(angle)

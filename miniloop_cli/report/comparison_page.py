@@ -139,7 +139,7 @@ def _add_edges(edges: dict[str, Any], found: Comparison, second: ReportData) -> 
             "inliers": rounded(second.edges.inliers[[row]], 0)[0],
             "deg": rounded(second.edges.rot_deg[[row]], 3)[0],
             "m": rounded(second.edges.trans_m[[row]], 5)[0],
-            "px": [],
+            "drawn": 0,
             "origin": 2,
         }
         for key, value in added.items():

@@ -15,9 +15,9 @@ from miniloop_cli.typing import Bytes, Floats
 MAX_LINES = 120  # more hide the images
 
 
-def jpeg(rgb: Bytes) -> Bytes:
+def jpeg(rgb: Bytes, quality: int = 82) -> Bytes:
     """The bytes of a JPEG file of an (h, w, 3) RGB image."""
-    return cv2.imencode(".jpg", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 82])[1]
+    return cv2.imencode(".jpg", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
 
 
 def png(rgb: Bytes) -> Bytes:
@@ -26,12 +26,12 @@ def png(rgb: Bytes) -> Bytes:
 
 
 def data_uri(file: Bytes, kind: str = "jpeg") -> str:
-    """The bytes of an image file of this kind (jpeg or png) as a data URI."""
+    """The bytes (n,) of an image file of this kind (jpeg or png) as a data URI."""
     return f"data:image/{kind};base64,{base64.b64encode(file.tobytes()).decode('ascii')}"
 
 
 def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, float] | None:
-    """Colour of a frame, `width` pixels wide, and its scale; None if it cannot be read."""
+    """Colour (h, width, 3) of a frame and its scale; None if it cannot be read."""
     try:
         color = read_color(sequence.frames[index].color)
     except (InputError, IndexError):
@@ -41,7 +41,7 @@ def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, floa
     return np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8), scale
 
 
-def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, width: int = 480) -> Bytes | None:
+def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, width: int = 400) -> Bytes | None:
     """Both images side by side, (k, 2) measured inlier pixels joined; None if an image cannot be read."""
     left, right = frame_image(sequence, i, width), frame_image(sequence, j, width)
     if left is None or right is None:

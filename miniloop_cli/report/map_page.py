@@ -12,6 +12,9 @@ from miniloop_cli.mapping.carry import map_trajectories
 from miniloop_cli.report.charts import CAMERA_VIEWS
 from miniloop_cli.report.svg import Chart, limits
 from miniloop_cli.report.templating import asset, render
+from miniloop_cli.report.viewer.embedded import embedded_map
+from miniloop_cli.report.viewer.map_scene import load_map
+from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.scene_map import SceneMap
 from miniloop_cli.version import __version__
@@ -20,8 +23,11 @@ MOST_JOINS = 600  # lines that show what joins recordings: more only fill the pi
 COLOURS = 6  # classes of lines; with more recordings they come again
 
 
-def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any]) -> Path:
-    """Write `report.html` into the folder of a map of several recordings; `numbers`: what its summary.json says."""
+def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any], store: Store) -> Path:
+    """Write `report.html` into the folder of a map of several recordings; `numbers`: what its summary.json says.
+
+    Images are those of the recordings that can still be opened. Raises InputError for files that are malformed.
+    """
     numbered = [recording | {"number": k} for k, recording in enumerate(numbers["recordings"])]
     pieces = [[r for r in numbered if r["piece"] == piece] for piece in range(numbers["pieces"])]
     joins = [
@@ -31,7 +37,9 @@ def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any]
         "map.html",
         name=result.resolve().name,
         version=__version__,
-        style=asset("page.css"),
+        style=asset("page.css") + asset("viewer/assets/viewer.css"),
+        viewer=asset("viewer/assets/viewer.js"),
+        view=embedded_map(load_map(result, scene_map), result, store),
         numbers=numbers,
         pieces=pieces,
         joins=joins,

@@ -36,7 +36,7 @@ class View:
 def overview(
     points: NDArray[np.floating], T_world_cam: Floats, yaw_deg: float, pitch_deg: float, view: tuple[int, int]
 ) -> View:
-    """A view of the whole cloud, turned from the cameras' mean viewing direction about their mean vertical.
+    """A view of points (p, 3), turned from the mean direction of the cameras (n, 4, 4) about their mean vertical.
 
     The 3rd to 97th percentile of the points fits the picture, so a few stray points do not make it small.
     """

@@ -76,14 +76,14 @@ class Chart:
         return list(zip(tenths(self.place(self.x_range[0], values)[1]), values, strict=True))
 
     def place(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-        """User units to pixels of the picture."""
+        """x (n,) and y (n,) in units of the axes as pixels of the picture."""
         u = (np.asarray(x, float) - self.x_range[0]) / (self.x_range[1] - self.x_range[0])
         v = (np.asarray(y, float) - self.y_range[0]) / (self.y_range[1] - self.y_range[0])
         u_px = self.left + u * (self.right - self.left)
         return u_px, self.top + (v if self.down else 1 - v) * (self.bottom - self.top)
 
     def line(self, x: Floats, y: Floats, css: str) -> None:
-        """A polyline, broken where a value is not finite."""
+        """A polyline through x (n,), y (n,), broken where a value is not finite."""
         u, v = self.place(x, y)
         known = np.isfinite(u) & np.isfinite(v)
         for run in np.split(np.arange(len(u)), np.flatnonzero(~known)):
@@ -92,7 +92,7 @@ class Chart:
                 self.lines.append((css, " ".join(f"{u[k]:.1f},{v[k]:.1f}" for k in rows)))
 
     def dots(self, x: Floats, y: Floats, css: str, tips: Sequence[str], radius: float = 2.5) -> None:
-        """Circles with tooltips; those that are not finite are left out."""
+        """Circles at x (n,), y (n,) with tooltips; those that are not finite are left out."""
         u, v = self.place(x, y)
         known = (np.isfinite(u) & np.isfinite(v)).tolist()
         for a, b, tip, shown in zip(tenths(u), tenths(v), tips, known, strict=True):

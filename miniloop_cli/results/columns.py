@@ -13,6 +13,7 @@ import numpy as np
 
 from miniloop_cli.errors import InputError
 from miniloop_cli.results.folder import Results, column
+from miniloop_cli.results.rejected_matches import Matches, read_rejected
 from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.scene.verdict import Verdict
@@ -53,13 +54,13 @@ class Edges:
 
     @cached_property
     def by_residual(self) -> Ints:
-        """All edges, the largest residual first, those without one last; 1 degree counts as 2 cm."""
+        """Rows (m,) of all edges by falling residual, those without one last; 1 degree counts as 2 cm."""
         score = self.rot_deg + 50 * self.trans_m
         return np.argsort(-np.where(np.isfinite(score), score, -1.0), kind="stable")
 
     @cached_property
     def worst_first(self) -> Ints:
-        """Verified edges that have residuals, the largest first."""
+        """Rows (k,) of verified edges that have residuals, the largest first."""
         order = self.by_residual
         return order[self.verified[order] & np.isfinite(self.rot_deg + self.trans_m)[order]]
 
@@ -103,7 +104,7 @@ class ReportData:
     """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j.
 
     `covariance` (n, 6, 6): of every frame's (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], NaN where it is not
-    known; None without the file.
+    known; None without the file. `rejected_px`: of rejected edges some matches, as `read_rejected` gives them.
     """
 
     results: Results
@@ -112,6 +113,7 @@ class ReportData:
     frames: Frames
     inlier_px: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
     covariance: Floats | None = None
+    rejected_px: dict[int, Matches] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -149,7 +151,8 @@ def load(results_dir: Path, sequence: Recording | None = None) -> ReportData:
     if len(edges) and max(edges.i.max(), edges.j.max()) >= len(frames):
         raise InputError(f"{results.root / 'edges.csv'} names frames beyond the {len(frames)} of frames.csv")
     covariance = read_covariances(results.root, len(frames))
-    return ReportData(results, sequence, edges, frames, read_inliers(results.root, len(edges)), covariance)
+    inliers, rejected = read_inliers(results.root, len(edges)), read_rejected(results.root, len(edges))
+    return ReportData(results, sequence, edges, frames, inliers, covariance, rejected)
 
 
 def read_edges(results: Results) -> Edges:

@@ -68,7 +68,7 @@ def left_out(data: RunColumns) -> list[tuple[str, Ints]]:
 
 
 def runs(numbers: Ints, most: int = 12) -> str:
-    """Sorted whole numbers as "3, 7–9, 12", cut off after `most` runs."""
+    """Sorted whole numbers (n,) as "3, 7–9, 12", cut off after `most` runs."""
     groups = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [f"{g[0]}" if len(g) == 1 else f"{g[0]}–{g[-1]}" for g in groups[:most]]
     return ", ".join(words) + (f" and {len(groups) - most} more runs" if len(groups) > most else "")

@@ -84,7 +84,7 @@ def pack(voxels: Ints) -> Keys:
 
 
 def unpack(keys: Keys) -> Ints:
-    """Inverse of `pack`."""
+    """Voxels (n, 3) of keys (n,): the inverse of `pack`."""
     return np.stack([keys >> 2 * BITS, (keys >> BITS) & MASK, keys & MASK], axis=1) - HALF
 
 

@@ -45,7 +45,7 @@ def write_g2o(
     T_j_i: Floats,
     information: Floats,
 ) -> None:
-    """Write a pose graph; arguments as in PoseGraph.
+    """Write a pose graph; arrays (n, ...) and (m, ...) as in PoseGraph.
 
     The noise Exp(xi) on T_j_i, xi in frame j, is Exp(xi)^-1 on the right of T_i_j: to first order the same
     information matrix, only the order of its blocks changes.

@@ -67,7 +67,7 @@ class Map:
         return self._located(image, depth_m, guessed_camera(Path(), image.shape[1], image.shape[0]), True)
 
     def locate_file(self, path: Path, color: Bytes, depth_m: Floats32 | None, camera: Camera | None) -> Location:
-        """As `locate`, for the image of a file: its EXIF may tell the focal length, roughly."""
+        """As `locate`, for color (h, w, 3) and depth_m (h, w) of a file, whose EXIF may give a focal length."""
         camera = camera or self.camera_for(color.shape)
         if camera:
             return self.locate(color, depth_m, camera)

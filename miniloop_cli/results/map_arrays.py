@@ -68,7 +68,7 @@ def part_arrays(part: MapPart) -> Arrays:
 
 
 def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> MapPart:
-    """The recording of which these are header and arrays. Raises KeyError, TypeError or ValueError for others."""
+    """The recording of a header and arrays (...). Raises KeyError, TypeError or ValueError for others."""
     ends = np.cumsum(arrays["features"])[:-1]
     px, z, outline = (np.split(arrays[name], ends) for name in ("px_ideal", "z_m", "outline"))
     stored = arrays["descriptors"]
@@ -135,7 +135,7 @@ def joined_arrays(joined: Joined) -> Arrays:
 
 
 def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
-    """How the recordings lie of which these are the arrays. Raises KeyError, TypeError or ValueError for others."""
+    """How the recordings of a map lie, from its arrays (...). Raises KeyError, TypeError or ValueError for others."""
     pairs: list[Pair] = [(int(a), int(b)) for a, b in arrays["pairs"]]
     return Joined(
         _poses(arrays["T_world_cam"]),

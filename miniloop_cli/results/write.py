@@ -26,7 +26,9 @@ from miniloop_cli.results.g2o import write_g2o
 from miniloop_cli.results.landmarks import write_landmarks
 from miniloop_cli.results.map_folder import remove_map
 from miniloop_cli.results.ply import write_ply
+from miniloop_cli.results.rejected_matches import write_rejected
 from miniloop_cli.results.tables import EDGE_COLUMNS, FRAME_COLUMNS, edge_rows, frame_rows, frame_status, write_csv
+from miniloop_cli.results.thumbnails import write_thumbnails
 from miniloop_cli.runtime.artifact_store import Arrays, Artifact, Store, library_versions
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.runtime.parallel import Workers
@@ -42,10 +44,10 @@ CLOUD = Artifact("cloud", 1)
 # What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
 OF_ONE_RUN = (
     *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),
-    *("summary.json", "log.txt", "report.html"),
+    *("thumbnails.npz", "summary.json", "log.txt", "report.html"),
 )
 
-OF_ANY_RUN = ("config.yaml", "camera.yaml", "frames.csv", "edges.csv", "inliers.npz")
+OF_ANY_RUN = ("config.yaml", "camera.yaml", "frames.csv", "edges.csv", "inliers.npz", "rejected.npz")
 FILES = (*OF_ANY_RUN, *reversed(OF_ONE_RUN))  # all of a run, its trajectory last
 
 
@@ -64,6 +66,9 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     write_csv(folder / "frames.csv", FRAME_COLUMNS, frame_rows(run))
     write_csv(folder / "edges.csv", EDGE_COLUMNS, edge_rows(run))
     _write_inliers(run, folder / "inliers.npz")
+    write_rejected(run, folder / "rejected.npz")
+    if run.thumbnails:
+        write_thumbnails(folder / "thumbnails.npz", run.thumbnails)
     registered = run.poses.registered
     if len(registered):
         _write_graph(run, folder / "graph.g2o")
@@ -154,7 +159,7 @@ def _write_yaml(run: Registration, path: Path) -> None:
 
 
 def _write_inliers(run: Registration, path: Path) -> None:
-    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv (rejected edges have none)."""
+    """Measured pixels of the inlier matches, edge after edge in the order of edges.csv; none of rejected ones."""
     edges = run.edges
     kept = edges.inliers & np.repeat(edges.open, edges.match_count)
     counts = np.where(edges.open, edges.inlier_count - edges.followed, 0)
@@ -195,7 +200,7 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32,
 
 
 def modelled(run: Registration) -> Ints:
-    """Frames that the model is made of: registered scans; what lies between keyframes shows hardly anything else."""
+    """Frames (k,) that the model is made of: registered scans. Frames between keyframes add hardly anything."""
     return np.intersect1d(run.poses.registered, run.scan_frames)
 
 

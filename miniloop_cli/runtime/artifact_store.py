@@ -76,7 +76,7 @@ def _plain(part: Any) -> Any:
 
 
 def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
-    """Hash of the types, shapes and bytes of arrays."""
+    """Hash of the types, shapes and bytes of arrays (...)."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
@@ -124,7 +124,7 @@ class Store:
         return made
 
     def load(self, artifact: Artifact, key: str) -> dict[str, NDArray[Any]] | None:
-        """The arrays of an artefact, or None if it must be made."""
+        """The arrays (...) of an artefact by name, or None if it is to be computed."""
         path = self.path(artifact, key)
         if self.fresh:
             return None

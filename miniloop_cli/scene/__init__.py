@@ -1,0 +1,1 @@
+"""The nouns: scans, edges, poses, recordings."""

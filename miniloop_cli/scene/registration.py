@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +18,7 @@ from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.scene.tracked import TrackStatus
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.typing import Bytes, Floats, Ints
 
 
 class RegistrationError(MiniloopError):
@@ -42,6 +43,7 @@ class Registration:
     `landmarks`: points of the bundle adjustment; none where there was no such adjustment.
     `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None
     without timing.
+    `thumbnails`: small JPEG files by frame, of those that tracking read; none without it.
     `calibration`: what the recording told of its camera, where it was asked; the camera of the sequence is then the
     calibrated one.
     """
@@ -63,6 +65,7 @@ class Registration:
     landmarks: Landmarks = NO_LANDMARKS
     velocity: Floats | None = None
     calibration: Calibration | None = None
+    thumbnails: Mapping[int, Bytes] = field(default_factory=dict)
 
     @property
     def scan_frames(self) -> Ints:

@@ -125,7 +125,7 @@ class SceneMap:
 
     @cached_property
     def first_feature(self) -> Ints:
-        """(K + 1,) number of the first feature of each keyframe, counted through the map."""
+        """(K + 1,) number of the first feature of each keyframe, counted through the map; the last is their total."""
         return np.cumsum([0, *(len(features) for features in self.features)])
 
     def keyframes_of(self, part: int) -> slice:

@@ -148,7 +148,7 @@ class Sequence:
         return replace(self, frames=tuple(map(change, self.frames)), color_only=changed)
 
     def with_color_only(self) -> tuple[Sequence, Ints]:
-        """The recording with its colour images without depth among the frames; the rows there of the frames here."""
+        """The recording with colour images without depth among its frames; the rows (n,) of these frames there."""
         if self.color_only is None:
             return self, np.arange(len(self.frames))
         all_frames = (*self.frames, *self.color_only.frames)

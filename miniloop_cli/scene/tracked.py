@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.scene.poses import Poses
-from miniloop_cli.typing import Bools, Floats, Ints
+from miniloop_cli.typing import Bools, Bytes, Floats, Ints
 
 
 class TrackStatus(IntEnum):
@@ -92,14 +92,19 @@ class FrameMotions:
 
 
 COLUMNS = tuple(column.name for column in fields(FrameMotions))
+PICTURE = "thumbnail_"  # before the number of its frame: the name of an array
 
 
 @dataclass(frozen=True)
 class TrackedPart(FrameMotions):
-    """The frames first..first + n - 1 of a recording; its arrays are filled frame by frame."""
+    """The frames first..first + n - 1 of a recording; its arrays are filled frame by frame.
+
+    `thumbnails`: JPEG files by frame, of those that could be read.
+    """
 
     first: int = 0
     seen: list[Observations] = field(default_factory=list)
+    thumbnails: dict[int, Bytes] = field(default_factory=dict)
 
     @staticmethod
     def of(first: int, last: int) -> TrackedPart:
@@ -118,36 +123,43 @@ class TrackedPart(FrameMotions):
         )
 
     def set(self, frame: int, status: TrackStatus, problem: str = "") -> None:
+        """Set the status of a frame, and why it is so."""
         self.status[frame - self.first] = status
         self.problem[frame - self.first] = problem[:400]
 
     def link(self, frame: int, key: int, motion: Link) -> None:
+        """Set the motion of a frame since its keyframe."""
         row = frame - self.first
         self.key[row], self.T_cam_key[row], self.information[row] = key, motion.T_cam_key, motion.information
         self.support[row], self.by_surface[row] = motion.support, motion.by_surface
 
     def observe(self, seen: Observations) -> None:
+        """Add what a frame sees of followed points."""
         self.seen.append(seen)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of it by name."""
+        """All arrays (n, ...) by name."""
         seen = Observations.joined(self.seen)
         own = {name: getattr(self, name) for name in COLUMNS}
-        return own | {"first": np.array([self.first])} | {f"seen_{c.name}": getattr(seen, c.name) for c in fields(seen)}
+        pictures = {f"{PICTURE}{k}": file for k, file in self.thumbnails.items()}
+        followed = {f"seen_{c.name}": getattr(seen, c.name) for c in fields(seen)}
+        return own | {"first": np.array([self.first])} | followed | pictures
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> TrackedPart:
-        """The part that `arrays` gave."""
+        """The part that `arrays` (n, ...) gave."""
         own = {name: arrays[name] for name in COLUMNS}
         seen = Observations(*(arrays[f"seen_{c.name}"] for c in fields(Observations)))
-        return TrackedPart(first=int(arrays["first"][0]), seen=[seen], **own)
+        pictures = {int(name.removeprefix(PICTURE)): a for name, a in arrays.items() if name.startswith(PICTURE)}
+        return TrackedPart(first=int(arrays["first"][0]), seen=[seen], thumbnails=pictures, **own)
 
 
 @dataclass(frozen=True)
 class Tracked(FrameMotions):
-    """All frames of a recording; tracks are numbered through."""
+    """All frames of a recording; tracks are numbered through. `thumbnails` as in TrackedPart."""
 
     seen: Observations
+    thumbnails: Mapping[int, Bytes] = field(default_factory=dict)
 
     @staticmethod
     def of(parts: Sequence[TrackedPart]) -> Tracked:
@@ -163,11 +175,13 @@ class Tracked(FrameMotions):
             own = Observations.joined(part.seen)
             seen.append(replace(own, track=own.track + tracks))
             tracks += int(own.track.max(initial=-1)) + 1
-        return Tracked(seen=Observations.joined(seen), **{name: getattr(whole, name) for name in COLUMNS})
+        pictures = {k: file for part in parts for k, file in part.thumbnails.items()}
+        columns = {name: getattr(whole, name) for name in COLUMNS}
+        return Tracked(seen=Observations.joined(seen), thumbnails=pictures, **columns)
 
     @property
     def keyframes(self) -> Ints:
-        """Frame numbers of the keyframes, ascending."""
+        """Frame numbers (k,) of the keyframes, ascending."""
         return np.flatnonzero(self.status == TrackStatus.KEYFRAME)
 
     def all_poses(self, keyframe_poses: Poses) -> Poses:

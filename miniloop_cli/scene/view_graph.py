@@ -73,7 +73,7 @@ def checked_weights(weights: ArrayLike | None, edges: int) -> Floats:
 
 
 def require_connected(count: int, pairs: Ints) -> None:
-    """GraphError unless the edges connect all of the `count` >= 1 scans."""
+    """Raise GraphError unless edges pairs (m, 2) connect all of the `count` >= 1 scans."""
     if count < 1:
         raise GraphError("there is no scan to average; at least one is needed")
     labels = components(count, pairs)
@@ -101,7 +101,7 @@ def elimination_order(count: int, pairs: Ints) -> Ints:
 
 
 def elimination(count: int, pairs: Ints) -> tuple[Ints, float]:
-    """That order, by multiple minimum degree, and the multiplications that such a factor takes for one row a scan."""
+    """The order (n,) of elimination by multiple minimum degree, and the multiplications that its factor takes."""
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import splu
 

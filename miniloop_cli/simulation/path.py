@@ -30,7 +30,7 @@ def look(position_m: Floats, yaw_rad: Floats, pitch_rad: Floats, roll_rad: Float
 
 
 def waves(rng: Generator, amplitude: float, periods: float, count: int = 3) -> Callable[[Floats], Floats]:
-    """A smooth random function on [0, 1]: a few sines of about `periods` periods and zero mean."""
+    """A smooth random function of s (n,) in [0, 1]: `count` sines of about `periods` periods and zero mean."""
     frequency = 2 * np.pi * periods * rng.uniform(0.6, 1.4, count)
     phase, size = rng.uniform(0, 2 * np.pi, count), rng.dirichlet(np.ones(count)) * amplitude
     return lambda s: np.sin(np.multiply.outer(s, frequency) + phase) @ size

@@ -220,7 +220,7 @@ def render_rows(
 def render(
     rays: Floats, T_world_row: Floats, pixel_rad: float, scene: tuple
 ) -> tuple[Floats32, Floats32, Floats32, NDArray[np.int16]]:
-    """Render one image; see `render_rows`. Bands of rows run in two threads."""
+    """Render an image of rays (h, w, 3) at T_world_row (h, 4, 4), in two threads; see `render_rows`."""
     from concurrent.futures import ThreadPoolExecutor
 
     h, w = rays.shape[:2]

@@ -35,7 +35,7 @@ class Scene:
     blank_m: list[Floats] = field(default_factory=list)  # x_low, y_low, x_high, y_high where surfaces have no texture
 
     def add_texture(self, image: Bytes, texel_per_m: float) -> int:
-        """Store an image with its pyramid; returns its number."""
+        """Store an image (h, w, 3) with its pyramid; returns its number."""
         import cv2
 
         # Every level must be exactly half of the one before, or the texture slides over its surface with the distance.
@@ -69,13 +69,13 @@ class Scene:
         return len(self.half_m) - 1
 
     def add_sphere(self, centre_m: Floats, radius_m: float, image: Bytes) -> None:
-        """Add a sphere; its texture is laid over longitude and latitude."""
+        """Add a sphere at centre_m (3,); its texture (h, w, 3) is laid over longitude and latitude."""
         x, y, z = map(float, centre_m)
         self.sphere.append((x, y, z, radius_m))
         self.sphere_texture.append(self.add_texture(image, image.shape[1] / (2 * np.pi * radius_m)))
 
     def arrays(self) -> tuple[NDArray, ...]:
-        """Everything the render kernel wants, in its order."""
+        """All arrays (n, ...) of the render kernel, in its order."""
         table, chunks, offset = np.zeros((len(self.pyramids), LEVELS, 3), np.int64), [], 0
         for number, levels in enumerate(self.pyramids):
             for level, image in enumerate(levels):

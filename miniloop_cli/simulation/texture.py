@@ -31,14 +31,14 @@ def color(rng: Generator, low: int = 30, high: int = 230) -> Floats32:
 
 
 def surface(height: int, width: int, rng: Generator, contrast: float, base: Floats32) -> Bytes:
-    """Noise around a base colour: lightness of all octaves, hue of the coarse ones."""
+    """Noise (h, w, 3) around a base colour: lightness of all octaves, hue of the coarse ones."""
     image = base + contrast * octaves(height, width, rng)[..., None]
     image += 0.5 * contrast * octaves(height, width, rng, 64)[..., None] * rng.uniform(-1, 1, 3).astype(np.float32)
     return image.clip(5, 250).astype(np.uint8)
 
 
 def add_shapes(image: Bytes, count: int, rng: Generator, largest_px: int = 60) -> None:
-    """Draw filled rectangles, discs and lines of random colours into the image."""
+    """Draw filled rectangles, discs and lines of random colours into the image (h, w, 3)."""
     import cv2
 
     height, width = image.shape[:2]
@@ -55,7 +55,7 @@ def add_shapes(image: Bytes, count: int, rng: Generator, largest_px: int = 60) -
 
 
 def poster(height: int, width: int, rng: Generator) -> Bytes:
-    """A sheet with a title, a picture and lines of text."""
+    """A sheet (h, w, 3) with a title, a picture and lines of text."""
     import cv2
 
     sheet = np.full((height, width, 3), color(rng, 170, 250), np.float32).astype(np.uint8)
@@ -75,7 +75,7 @@ def poster(height: int, width: int, rng: Generator) -> Bytes:
 
 
 def wall(height: int, width: int, texel_per_m: float, rng: Generator, posters: int, contrast: float = 9.0) -> Bytes:
-    """Plaster with posters of 0.4 to 0.9 m and a few small shapes."""
+    """Plaster (h, w, 3) with posters of 0.4 to 0.9 m and a few small shapes."""
     hue = color(rng, 120, 215)
     image = surface(height, width, rng, contrast, 0.4 * hue + 0.6 * hue.mean())
     add_shapes(image, posters * 4, rng, int(0.12 * texel_per_m))
@@ -89,7 +89,7 @@ def wall(height: int, width: int, texel_per_m: float, rng: Generator, posters: i
 
 
 def repeated(height: int, width: int, texel_per_m: float) -> Bytes:
-    """The same tile of 0.5 m side everywhere, whatever the seed."""
+    """The same tile of 0.5 m side everywhere (h, w, 3), for any seed."""
     side = max(int(0.5 * texel_per_m), 16)
     rng = np.random.default_rng(0)
     tile = surface(side, side, rng, 30, np.array([150, 140, 120], np.float32))

@@ -8,12 +8,12 @@ from __future__ import annotations
 from miniloop_cli.runtime.artifact_store import Artifact
 
 PROBED = Artifact("probed", 1)
-TRACKED = Artifact("tracked", 12)
+TRACKED = Artifact("tracked", 13)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)
 REPETITION = Artifact("repetition", 1)
 GUIDED = Artifact("guided", 2)
-REFINED = Artifact("refined", 6)
+REFINED = Artifact("refined", 7)
 SECOND_MODES = Artifact("second_modes", 1)
 JOINED = Artifact("joined", 1)

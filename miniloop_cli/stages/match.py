@@ -90,6 +90,6 @@ def match_arrays(matches: Matches) -> dict[str, NDArray[Any]]:
 
 
 def matches_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Matches:
-    """The matches that `match_arrays` was given."""
+    """The matches, rows (k, 2) a pair, of the arrays of `match_arrays`."""
     rows = np.split(arrays["rows"].astype(np.int64), arrays["ends"][:-1]) if len(arrays["pairs"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(arrays["pairs"], rows, strict=True)}

@@ -18,19 +18,19 @@ from miniloop_cli.typing import Floats, Ints
 
 
 def keyframes_only(sequence: Sequence, keyframes: Ints) -> Sequence:
-    """The recording of the keyframes alone."""
+    """The recording with the frames keyframes (K,) alone."""
     return replace(sequence, frames=tuple(sequence.frames[k] for k in keyframes))
 
 
 def priors_of(priors: Priors, keyframes: Ints) -> Priors:
-    """What is known of the keyframes."""
+    """The priors of the frames keyframes (K,)."""
     accelerometer, T = priors.accelerometer, priors.T_world_cam
     of_keyframes = replace(accelerometer, up=accelerometer.up[keyframes]) if accelerometer else None
     return Priors(of_keyframes, None if T is None else T[keyframes], priors.notes)
 
 
 def priors_among(priors: Priors, rows: Ints, n: int) -> Priors:
-    """What is known of frames that are these rows of n; nothing is known of the others."""
+    """The priors of n frames, known for rows (k,) and unknown for the others."""
 
     def spread(known: Floats) -> Floats:
         whole = np.full((n, *known.shape[1:]), np.nan)
@@ -73,7 +73,7 @@ def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
 
 
 def in_frames(edges: EdgeTable, keyframes: Ints) -> EdgeTable:
-    """Edges between keyframes as edges between frames of the whole recording."""
+    """Edges between keyframes as edges between frames; keyframes (K,) are the frame numbers."""
     return replace(edges, i=keyframes[edges.i], j=keyframes[edges.j])
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from miniloop_cli.datasets import read_scan
+from miniloop_cli.datasets.thumbnails import thumbnail
 from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Repeat, TrackedPart, TrackStatus
@@ -35,6 +36,8 @@ def readable_frames(sequence: Sequence, numbers: range, part: TrackedPart) -> It
         except InputError as error:
             part.set(number, TrackStatus.UNREADABLE, str(error))
             continue
+        if number not in part.thumbnails:
+            part.thumbnails[number] = thumbnail(scan.color)
         has_depth = bool((scan.depth_m > 0).any())
         frame = TrackFrame(number, scan, _gray(scan), sequence.frames[number].timestamp_s, has_depth)
         if float(frame.gray.std()) < LEAST_CONTRAST:

@@ -35,6 +35,8 @@ def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats
     Gauss-Newton from T_cam_key (4, 4), reweighted by a Cauchy kernel whose scale follows the residuals. None where
     fewer than MIN_POINTS agree, or less than MIN_SHARE of them.
     """
+    from scipy.linalg.lapack import dposv
+
     if len(p_key) < MIN_POINTS:
         return None
     lens = (camera.fx, camera.fy, camera.cx, camera.cy)
@@ -46,11 +48,11 @@ def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats
         if seen.sum() < MIN_POINTS:
             return None
         scale = float(np.clip(1.5 * np.median(size[seen]), *SCALES_PX))
-        try:
-            step = -np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), g)
-        except np.linalg.LinAlgError:
+        _, step, singular = dposv(H + 1e-9 * np.trace(H) * np.eye(6), -g)
+        if singular:
             return None
-        T[:3, :3], T[:3, 3] = se3.exp_so3(step[:3]) @ T[:3, :3], se3.exp_so3(step[:3]) @ T[:3, 3] + step[3:]
+        turn = se3.exp_so3(step[:3])
+        T[:3, :3], T[:3, 3] = turn @ T[:3, :3], turn @ T[:3, 3] + step[3:]
         if np.abs(step).max() < SETTLED:
             break
     H, _, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
@@ -102,7 +104,11 @@ def normal_equations(
             w[2] = 1.0 / (1.0 + (r[2] / scale) ** 2)
         for row in range(3):
             for i in range(6):
-                g[i] += w[row] * J[row, i] * r[row]
-                for j in range(6):
-                    H[i, j] += w[row] * J[row, i] * J[row, j]
+                weighted = w[row] * J[row, i]
+                g[i] += weighted * r[row]
+                for j in range(i + 1):
+                    H[i, j] += weighted * J[row, j]
+    for i in range(6):
+        for j in range(i):
+            H[j, i] = H[i, j]
     return H, g, size

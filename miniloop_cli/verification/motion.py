@@ -98,7 +98,7 @@ def step_sizes(T_world_cam: Floats, scans: Ints, stamps_s: Floats) -> tuple[Floa
 
 
 def usual(size: Floats, time_s: Floats, judged: Bools) -> Floats:
-    """The size that each step would have at the usual speed of those around it; infinite where these are too few."""
+    """The size (n,) that each step would have at the usual speed of its neighbours; infinite if these are too few."""
     out = np.full(len(size), np.inf)
     speed = size / np.maximum(time_s, 1e-9)
     for k in range(len(size)):

@@ -60,7 +60,7 @@ def _widened(camera: Camera, slack_rad: float) -> Camera:
 
 
 def reject_by_pose_prior(edges: EdgeTable, T_world_cam: Floats, settings: PosePrior) -> EdgeTable:
-    """Reject edges that contradict the prior beyond the tolerance; the others with enough inliers are confirmed by it.
+    """Reject edges that contradict the prior poses T_world_cam (n, 4, 4); confirm the others with enough inliers.
 
     Raises InputError where most of the edges that are sure by themselves contradict the prior.
     """

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command_line import FRAMES, ROOT
 from plugin_package import install
+from scipy.spatial.transform import Rotation
 
 from benchmarks.__main__ import benchmarks
 from miniloop_cli.api import evaluate, register
@@ -17,12 +18,16 @@ from miniloop_cli.cli.config import allowed
 from miniloop_cli.cli.main import cli
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets import open_sequence, read_ground_truth, read_scan
+from miniloop_cli.export.model import Model
 from miniloop_cli.feature_types import FEATURE_TYPES
 from miniloop_cli.presets import keys
+from miniloop_cli.results.folder import Results
 
 ROOTS = {"miniloop": cli, "python -m benchmarks": benchmarks}
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PAGES_BESIDE = [ROOT / "BENCHMARK.md", ROOT / "CHANGELOG.md"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES_BESIDE = [
+    ROOT / name for name in ("BENCHMARK.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
+]
 
 
 def anchors(text):
@@ -31,7 +36,7 @@ def anchors(text):
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *PAGES_BESIDE], ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
@@ -44,19 +49,19 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(file.read_text(encoding="utf-8")), target
 
 
-def test_every_page_is_in_the_index():
-    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    for page in PAGES:
-        assert page.name in index or page.name == "index.md", page.name
+def test_every_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert page.relative_to(ROOT / "docs").as_posix() in navigation, page
 
 
-@pytest.mark.parametrize("page", [*PAGES, *PAGES_BESIDE], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *PAGES_BESIDE], ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_commands_and_their_options_exist(page):
     for program, line in re.findall(rf"({'|'.join(ROOTS)}) ([a-z][^`\n|>]*)", page.read_text(encoding="utf-8")):
         words, node = line.split("#")[0].split("&&")[0].split(), ROOTS[program]
         if program == "miniloop" and words[0] not in cli.lazy:
             continue  # prose: "miniloop takes ..."
-        while isinstance(node, click.Group) and words and re.fullmatch("[a-z-]+", words[0]):
+        while isinstance(node, click.Group) and words and re.fullmatch("[a-z][a-z-]*", words[0]):
             node, words = node.get_command(click.Context(node), words[0]), words[1:]
             assert node is not None, line
         known = {option for parameter in node.params for option in parameter.opts} | {"--help", "--debug"}
@@ -64,7 +69,7 @@ def test_commands_and_their_options_exist(page):
         assert used <= known, line
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_settings_that_are_named_exist(page):
     sections = {key.partition(".")[0] for key in keys() if "." in key}
     text = page.read_text(encoding="utf-8")
@@ -78,14 +83,14 @@ def test_settings_page_is_up_to_date():
 
 
 def text_of(name):
-    """The block of extending.md that is marked so."""
-    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    """The block of developers.md that is marked so."""
+    text = (ROOT / "docs" / "developers.md").read_text(encoding="utf-8")
     return re.search(rf"<!-- test: {name} -->\n```\w+\n(.*?)```", text, re.DOTALL)[1]
 
 
 def block(name, folder):
-    """The Python block of extending.md that is marked so, as a module saved in `folder`: compilers ask for its file."""
-    path = folder / f"extending_{name}.py"
+    """The Python block of developers.md that is marked so, as a module saved in `folder`: numba asks for its file."""
+    path = folder / f"developers_{name}.py"
     path.write_text(text_of(name), encoding="utf-8")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
@@ -136,6 +141,17 @@ def test_the_solver_of_the_docs(tmp_path):
     found, counts = solver.solve_batch(p, q)
     assert counts[0] == 0
     assert not found[0].any()
+
+
+@pytest.mark.slow
+def test_the_export_of_the_docs(registered, tmp_path):
+    results = Results(registered.folder)
+    (path,) = block("export", tmp_path).write_euroc(Model(results), tmp_path / "out")
+    rows = np.loadtxt(path, delimiter=",")
+    np.testing.assert_allclose(rows[:, 0] * 1e-9, results.trajectory.timestamps_s, atol=1e-6)
+    np.testing.assert_allclose(rows[:, 1:4], results.trajectory.T_world_cam[:, :3, 3], atol=1e-8)
+    turned = np.stack([Rotation.from_quat(np.roll(q, -1)).as_matrix() for q in rows[:, 4:]])
+    np.testing.assert_allclose(turned, results.trajectory.T_world_cam[:, :3, :3], atol=1e-7)
 
 
 def test_python_blocks_are_python():

@@ -1,5 +1,6 @@
 """Maps on the command line: look into one, find images in it, make one of several recordings, add to it, take out."""
 
+import base64
 import json
 import shutil
 
@@ -12,6 +13,9 @@ from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
+from miniloop_cli.report.viewer.map_scene import load_map
+from miniloop_cli.report.viewer.matches import unpack_matches
+from miniloop_cli.report.viewer.shown import show_map
 from miniloop_cli.results.map_folder import manifest_hash, read_map
 from miniloop_cli.results.map_verdict import map_verdict
 from miniloop_cli.runtime.folder_lock import exclusive
@@ -291,3 +295,38 @@ def test_recordings_of_a_room_that_looks_alike_when_half_turned_are_no_sure_thin
     assert done.returncode == 1 and "the result is doubtful" in done.stderr
     reasons = json.loads((shared / "alike" / "summary.json").read_text())["verdict"]["reasons"]
     assert any(reason.startswith("joined to the others, begin is bent between frames ") for reason in reasons)
+
+
+def test_all_recordings_stand_in_one_view(office):
+    folder = office[0]
+    content = read_map(folder)
+    shown = show_map(load_map(folder, content), folder)
+    scene = shown.values
+    assert [r["name"] for r in scene["recordings"]] == ["first", "second"]
+    assert [(r["first"], r["count"]) for r in scene["recordings"]] == [(0, 6), (6, 6)]
+    for r, name in enumerate(("first", "second")):
+        T = poses(folder / name).T_world_cam
+        at = [pose[:3] for pose in scene["frames"]["pose"][6 * r : 6 * r + 6]]
+        np.testing.assert_allclose(at, T[:, :3, 3], atol=2e-6)
+    edges, T = scene["edges"], np.concatenate([poses(folder / name).T_world_cam for name in ("first", "second")])
+    between = [e for e, (i, j) in enumerate(zip(edges["i"], edges["j"], strict=True)) if i < 6 <= j]
+    verified = [e for e in between if edges["verdicts"][edges["verdict"][e]] == "verified"]
+    joins = json.loads((folder / "summary.json").read_text())["joins"]
+    assert len(verified) == sum(join["edges"] for join in joins) > 0
+    # The matches that are drawn are of these frames: by the poses, each lies on the epipolar line of its partner.
+    px, _ = unpack_matches(base64.b64decode(edges["packed"]))
+    camera = content.parts[0].camera
+    for e in verified[:5]:
+        start = sum(edges["drawn"][:e])
+        rows = px[start : start + edges["drawn"][e]].astype(float)
+        ideal = [camera.undistort(rows[:, k : k + 2]) for k in (0, 2)]
+        rays = [np.c_[p - [camera.cx, camera.cy], np.full(len(p), camera.fx)] for p in ideal]
+        T_j_i = se3.inverse(T[edges["j"][e]]) @ T[edges["i"][e]]
+        lines = np.cross(T_j_i[:3, 3], rays[0] @ T_j_i[:3, :3].T)
+        distance_px = np.abs((lines * rays[1]).sum(axis=1)) / np.linalg.norm(lines[:, :2], axis=1)
+        assert np.median(distance_px) < 1.5
+    kind, image = shown.answer("frame/7.jpg")
+    assert kind == "image/jpeg" and len(image) > 1000
+    assert shown.answer("frame/12.jpg") is None
+    page = (folder / "report.html").read_text()
+    assert 'id="v-scene"' in page and "default-src 'none'; img-src data:" in page

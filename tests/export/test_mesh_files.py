@@ -6,9 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from miniloop_cli.export.mesh_file import to_y_up, write_mesh
+from miniloop_cli.export.mesh_file import write_mesh
 from miniloop_cli.export.mesh_model import Mesh, Texture
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.upward import to_y_up
 
 trimesh = pytest.importorskip("trimesh")
 PAINT = [[230, 20, 20], [20, 230, 20], [20, 20, 230], [230, 230, 20]]
@@ -90,7 +91,7 @@ def test_open3d_reads_them_too(painted, tmp_path, suffix):
     if suffix == ".ply":  # of PLY, Open3D reads no texture
         return
     # It has an empty texture for triangles without a material, whether there are any or not.
-    (image,) = (np.asarray(texture)[..., :3] for texture in mesh.textures if np.asarray(texture).ndim == 3)
+    (image,) = (np.asarray(texture)[..., :3] for texture in mesh.textures if not texture.is_empty())
     uv = np.asarray(mesh.triangle_uvs)
     assert image.shape == (64, 128, 3)
     at = vertices[triangles].reshape(-1, 3)

@@ -6,7 +6,7 @@ from refinement_scenes import CAMERA, errors, perturbed, scene
 from scipy.optimize import least_squares
 
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose, transform
-from miniloop_cli.refinement.block_system import DENSE_UP_TO
+from miniloop_cli.refinement.block_system import SMALL
 from miniloop_cli.refinement.bundle import BundleSettings, bundle_adjust
 
 FIXED = BundleSettings(fixed_frame=0)
@@ -196,7 +196,7 @@ def test_pieces_do_not_disturb_each_other():
     S = scene(rng, n=20, points=300, seen=0.3, sigma_px=1, depth_sigmas=1)
     start = perturbed(S.T, rng, 0.5, 0.02)
     alone = bundle_adjust(start, *S.observations, CAMERA, FIXED)
-    pieces = DENSE_UP_TO // 20 + 1
+    pieces = SMALL // 20 + 1
     piece = np.repeat(np.arange(pieces), len(S.frame))
     frame, track, px, z = (np.concatenate([a] * pieces) for a in S.observations)
     T = np.tile(start, (pieces, 1, 1))

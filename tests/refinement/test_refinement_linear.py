@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from miniloop_cli.refinement.block_system import DENSE_UP_TO, MOST_STEPS, BlockSystem
+from miniloop_cli.refinement.block_cholesky import BlockPattern
+from miniloop_cli.refinement.block_system import DENSE_UP_TO, MOST_STEPS, SMALL, BlockSystem
 
 
 def random_system(rng, n, m, held_share=0.0, method=None):
@@ -76,13 +77,32 @@ def test_gradients_of_a_matrix_that_is_not_positive_definite_are_not_believed():
 
 @pytest.mark.parametrize(
     ("n", "reach", "method"),
-    [(DENSE_UP_TO, 1, "dense"), (DENSE_UP_TO + 1, 1, "sparse"), (DENSE_UP_TO + 1, DENSE_UP_TO // 2, "gradients")],
+    [
+        (SMALL, 1, "dense"),
+        (SMALL + 1, 1, "sparse"),
+        (DENSE_UP_TO, DENSE_UP_TO // 2, "dense"),
+        (DENSE_UP_TO + 1, 1, "sparse"),
+        (DENSE_UP_TO + 1, DENSE_UP_TO // 2, "gradients"),
+    ],
 )
 def test_the_method_follows_the_pattern(n, reach, method):
     i, j = np.triu_indices(n, 1)
     assert BlockSystem(np.zeros(n, bool), np.stack([i, j], axis=1)[j - i <= reach]).method == method
     more = np.arange(2 * n) >= n  # those that are held do not count
     assert BlockSystem(more, np.stack([i, j], axis=1)[j - i <= reach]).method == method
+
+
+@pytest.mark.parametrize("reach", [3, 20, 119])
+def test_the_products_of_a_factorisation_are_those_of_its_columns(reach):
+    """A band fills in nowhere: each column has `reach` blocks below the diagonal, the last ones fewer."""
+    n = 120
+    i, j = np.triu_indices(n)
+    near = j - i <= reach
+    pattern = BlockPattern(n, i[near], j[near])
+    below = np.minimum(reach, n - 1 - np.arange(n))
+    assert (216 * (below**2).sum()) == pytest.approx(
+        pattern.products, rel=0.25
+    )  # minimum degree may do a little better
 
 
 def test_block_numbers_in_either_order():

@@ -4,7 +4,7 @@ from refinement_scenes import errors, graph, perturbed, tangent
 from scipy.optimize import least_squares
 
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose
-from miniloop_cli.refinement.block_system import DENSE_UP_TO
+from miniloop_cli.refinement.block_system import SMALL
 from miniloop_cli.refinement.edge_terms import evaluate_edges, make_edges
 from miniloop_cli.refinement.posegraph import PoseGraphSettings, refine_pose_graph
 from miniloop_cli.scene.view_graph import GraphError
@@ -227,7 +227,7 @@ def test_pieces_do_not_disturb_each_other():
     T, pairs, measured, information, _ = graph(rng, n=60, edges=100)
     start = perturbed(T, rng, 1.0, 0.02)
     alone = refine_pose_graph(start, pairs, measured, information, TIGHT)
-    pieces = DENSE_UP_TO // 60 + 1
+    pieces = SMALL // 60 + 1
     edges = (np.concatenate([a] * pieces) for a in (measured, information))
     all_pairs = np.concatenate([pairs + 60 * k for k in range(pieces)])
     all_of_them = refine_pose_graph(np.tile(start, (pieces, 1, 1)), all_pairs, *edges, TIGHT)

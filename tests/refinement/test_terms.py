@@ -159,12 +159,12 @@ def test_gravity_holds_a_chain_upright_that_edges_let_sag(rng):
 
 
 def term_of_the_docs():
-    """The Python block of docs/extending.md that is marked so, as a module."""
-    text = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+    """The Python block of docs/developers.md that is marked so, as a module."""
+    text = (Path(__file__).parents[2] / "docs" / "developers.md").read_text(encoding="utf-8")
     code = re.search(r"<!-- test: term -->\n```python\n(.*?)```", text, re.DOTALL)[1]
     module = types.ModuleType("extending_term")
     sys.modules[module.__name__] = module  # where dataclasses look
-    exec(compile(code, "extending.md (term)", "exec"), module.__dict__)
+    exec(compile(code, "developers.md (term)", "exec"), module.__dict__)
     return module.PosePriorTerm
 
 

@@ -27,7 +27,10 @@ def browser():
 
 @pytest.fixture
 def shown(run, browser):
-    """The page of a run, open in the browser."""
+    """The page of a run, open in the browser; some matches are kept of its rejected edges."""
+    lost = [k for k, edge in enumerate(run.edges) if edge["verdict"] == "rejected"]
+    kept = {"offsets": 3 * np.arange(len(lost) + 1), "px": np.full((3 * len(lost), 4), 50, np.uint16)}
+    np.savez(run.results / "rejected.npz", edges=lost, agrees=np.tile([True, True, False], len(lost)), **kept)
     path = write_report(load(run.results, run.sequence), Store(run.results.parent / "kept"))
     browser.problems.clear()
     browser.open(path.as_uri())
@@ -124,6 +127,10 @@ def test_a_link_leads_to_a_frame_and_names_stay_names(run, shown):
     assert 'no match "><script>' in text(shown, "details")  # why it has no pose, as text
     shown.run("location.hash = '#edge=3-5'")
     shown.until(f"{VIEW}.selection.edge !== null")
+    # A rejected edge: why, and what was matched.
+    shown.until("document.querySelector('#v-details figure canvas') !== null")
+    assert "2 of 15 matches that agree, in colours; 1 of 18 that do not, in red, dashed" in text(shown, "details")
+    assert "verdict\nrejected" in text(shown, "details")
     assert '"><script>document.title' in text(shown, "details")
     for hostile in ("#frame=999", "#frame=-1", "#edge=1-1", "#edge=<script>", "#eye=1,2,NaN,4,5,6", "#%"):
         shown.run(f"location.hash = '{hostile}'")

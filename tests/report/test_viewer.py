@@ -1,5 +1,6 @@
 """What the 3D view is given: points coarse first, packed; frames, edges, pieces; and how its script was built."""
 
+import base64
 import hashlib
 import json
 import re
@@ -10,18 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from miniloop_cli.datasets.thumbnails import thumbnail
 from miniloop_cli.errors import InputError
 from miniloop_cli.evaluation.evaluate import Protocol, evaluate
 from miniloop_cli.geometry import se3
 from miniloop_cli.report.viewer.embedded import embedded
 from miniloop_cli.report.viewer.levels import BITS, STEPS, TILE_LEVELS, coarse_first, tiles
-from miniloop_cli.report.viewer.packing import pack_points, unpack_points
+from miniloop_cli.report.viewer.matches import unpack_matches
+from miniloop_cli.report.viewer.packing import coarser, pack_points, unpack_points
 from miniloop_cli.report.viewer.placed import place
 from miniloop_cli.report.viewer.scene import ellipsoids, scene, speeds
-from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import load
 from miniloop_cli.results.folder import read_table
 from miniloop_cli.results.ply import write_ply
+from miniloop_cli.results.thumbnails import write_thumbnails
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.scene.sequence import Trajectory
 
@@ -100,27 +103,22 @@ def test_packed_points_come_back(seed):
     np.testing.assert_array_equal(colors_back, colors)
 
 
-def cameras_around(up, count=40, pitch_deg=30.0):
-    """Cameras that turn about `up`, looking down by `pitch_deg`."""
-    yaw = np.linspace(0, 2, count)
-    turned = se3.exp_so3(yaw[:, None] * np.array([0, -1.0, 0])) @ se3.exp_so3(np.array([-np.radians(pitch_deg), 0, 0]))
-    axis = np.cross([0, -1.0, 0], up)
-    R = se3.exp_so3(axis / np.linalg.norm(axis) * np.arccos(-up[1]))
-    return se3.pose(R @ turned, np.zeros((count, 3)))
+def test_rounded_steps_stay_within_a_sixteenth_of_the_spacing():
+    steps = np.random.default_rng(0).integers(0, 1 << 16, (500, 3)).astype(np.uint16)
+    for spacing in (1.0, 100.0, 4000.0):
+        assert np.abs(coarser(steps, spacing).astype(int) - steps).max() <= max(spacing / 8, 0)
+    np.testing.assert_array_equal(coarser(steps, 1.0), steps)
+    few, many = (len(pack_points(s, np.zeros_like(s, np.uint8))) for s in (coarser(steps, 1000.0), steps))
+    assert few < 0.8 * many
 
 
-@given(st.integers(0, 9999))
-def test_up_is_found_from_level_cameras(seed):
-    up = np.random.default_rng(seed).normal(size=3)
-    up /= np.linalg.norm(up)
-    np.testing.assert_allclose(up_direction(cameras_around(up)), up, atol=1e-6)
-
-
-def test_up_without_turns_is_against_the_cameras_down():
-    T = np.repeat(np.eye(4)[None], 5, axis=0)
-    np.testing.assert_allclose(up_direction(T), [0, -1, 0])
-    np.testing.assert_allclose(up_direction(T, leveled=True), [0, 0, 1])
-    np.testing.assert_allclose(up_direction(T[:0]), [0, -1, 0])
+def test_a_page_carries_images_of_all_frames_with_or_without_the_recording(run, tmp_path):
+    large, small = embedded(load(run.results, run.sequence), None, Store(tmp_path / "kept"))["pictures"]
+    assert sorted(map(int, [*large["files"], *small["files"]])) == list(range(8))
+    files = {k: thumbnail(np.full((120, 160, 3), 20 * k, np.uint8)) for k in range(8)}
+    write_thumbnails(run.results / "thumbnails.npz", files)
+    large, small = embedded(load(run.results), None, Store(tmp_path / "kept"))["pictures"]
+    assert large["files"] == {} and sorted(map(int, small["files"])) == list(range(8))
 
 
 def test_ellipsoids_are_the_covariance_of_the_position():
@@ -170,9 +168,29 @@ def test_frames_edges_and_truth_of_a_run(run):
     verdicts = [edges["verdicts"][v] for v in edges["verdict"]]
     assert verdicts == sorted(verdicts, key=["verified", "weak", "rejected"].index)
     with np.load(run.results / "inliers.npz") as stored:
-        for row, px in zip(rows, edges["px"], strict=True):
+        px, agrees = unpack_matches(base64.b64decode(edges["packed"]))
+        assert agrees.all() and edges["drawn"] == [3] * len(rows)
+        for row, some in zip(rows, px.reshape(-1, 3, 4), strict=True):
             e = next(k for k, edge in enumerate(run.edges) if (edge["i"], edge["j"]) == row)
-            np.testing.assert_allclose(np.reshape(px, (-1, 4))[:, :2], stored["px_i"][3 * e : 3 * e + 3], atol=0.51)
+            np.testing.assert_allclose(some[:, :2], stored["px_i"][3 * e : 3 * e + 3], atol=0.51)
+            np.testing.assert_allclose(some[:, 2:], stored["px_j"][3 * e : 3 * e + 3], atol=0.51)
+
+
+def test_rejected_edges_keep_what_was_matched(run):
+    first = next(k for k, edge in enumerate(run.edges) if edge["verdict"] == "rejected")
+    px = np.array([[10, 20, 30, 40], [300, 500, 70, 65535]], np.uint16)
+    good = {"edges": np.array([first]), "offsets": np.array([0, 2]), "px": px, "agrees": np.array([True, False])}
+    np.savez_compressed(run.results / "rejected.npz", **good)
+    edges = scene(load(run.results), None)["edges"]
+    at = list(zip(edges["i"], edges["j"], strict=True)).index((run.edges[first]["i"], run.edges[first]["j"]))
+    start = sum(edges["drawn"][:at])
+    back, agrees = unpack_matches(base64.b64decode(edges["packed"]))
+    np.testing.assert_array_equal(back[start : start + 2], px)
+    assert edges["drawn"][at] == 2 and agrees[start : start + 2].tolist() == [True, False]
+    for change in ({"edges": np.array([99])}, {"offsets": np.array([0, 3])}, {"px": px[:, :2]}, {"agrees": px}):
+        np.savez_compressed(run.results / "rejected.npz", **(good | change))
+        with pytest.raises(InputError, match=r"rejected\.npz"):
+            load(run.results)
 
 
 def test_a_piece_apart_is_chained_along_its_edges(run):
@@ -220,7 +238,7 @@ def test_a_report_carries_at_most_so_many_points_and_says_so(run, monkeypatch, t
     view = embedded(load(run.results, run.sequence), None, Store(tmp_path / "kept"))
     assert view["model"]["count"] == 500
     assert view["notes"] == ["500 of the 2,000 points; `miniloop view` shows all."]
-    assert len(view["pictures"]) == 8
+    assert sum(len(size["files"]) for size in view["pictures"]) == 8
     write_ply(run.results / "cloud.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     assert embedded(load(run.results), None, Store(tmp_path / "kept"))["model"] is None
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from walls import CAMERA, frame, path, recording, wall_frames
@@ -11,7 +12,7 @@ from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
 from miniloop_cli.scene.no_depth import NoDepth
-from miniloop_cli.scene.tracked import TrackedPart, TrackStatus
+from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
 from miniloop_cli.simulation import SimulationSettings, true_trajectory, write_sequence
 from miniloop_cli.tracking.front_end import track_part
 
@@ -54,6 +55,13 @@ def test_motions_are_those_of_the_camera(part, truth):
     deg, m = errors(part, truth)
     assert deg.max() < 0.08 and m.max() < 0.002
     assert (np.linalg.eigvalsh(part.information[1:])[:, 0] > 0).all()
+
+
+def test_a_thumbnail_is_kept_of_every_frame_that_is_read(part):
+    again = Tracked.of([TrackedPart.from_arrays(part.arrays())])
+    assert sorted(again.thumbnails) == list(range(N))
+    image = cv2.imdecode(again.thumbnails[3], cv2.IMREAD_COLOR)
+    assert image.shape == (120, 160, 3)
 
 
 def without_depth(frames, numbers):

@@ -7,10 +7,11 @@ export class Beside {
   constructor(positions, frames, color, stage) {
     this.object = new Group();
     const along = [], across = [];
-    let last = null;
+    let last = null, recording = 0;
     positions.forEach((position, k) => {
       if (!position) return;
-      if (last) along.push(...last, ...position);
+      if (last && frames.recording(k) === recording) along.push(...last, ...position);
+      recording = frames.recording(k);
       if (frames.position(k)) across.push(...position, ...frames.position(k));
       last = position;
     });

@@ -16,6 +16,10 @@ const SOLVERS = {
 export const VERDICTS = { verified: hex("#2f7de1"), weak: hex("#e08e0b"), rejected: hex("#d6402f") };
 export const ORIGINS = [hex("#8a8f98"), hex("#2f7de1"), hex("#e08e0b")]; // both results, the first, the second
 
+// Of Okabe and Ito (2008), without those that edges have.
+const RECORDINGS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"].map(hex);
+export const recordingColor = number => RECORDINGS[number % RECORDINGS.length];
+
 export const solverColor = name => SOLVERS[name] ?? hex("#8c939d");
 
 // Viridis at equal steps (Smith and van der Walt 2015), which grows evenly in lightness.

@@ -5,8 +5,12 @@ import { known, quantile } from "./format.js";
 import { broad, remove, thin } from "./lines.js";
 
 export class Edges {
-  constructor(columns, frames, stage) {
+  /** `matches`: those of all edges as unpackMatches gives them, one edge after the other. */
+  constructor(columns, matches, frames, stage) {
     this.columns = columns;
+    this.matches = matches;
+    this.first = [0];
+    for (const count of columns.drawn) this.first.push(this.first.at(-1) + count);
     this.frames = frames;
     this.stage = stage;
     this.object = new Group();
@@ -27,6 +31,16 @@ export class Edges {
   residual(e) {
     const { deg, m } = this.columns;
     return known(deg[e]) && known(m[e]) ? deg[e] + 50 * m[e] : null;
+  }
+
+  /** What an edge is called: by its frames. */
+  name(e) {
+    return [this.columns.i[e], this.columns.j[e]].map(k => this.frames.name(k)).join("–");
+  }
+
+  /** Whether an edge leads from one recording to another. */
+  joins(e) {
+    return this.frames.recording(this.columns.i[e]) !== this.frames.recording(this.columns.j[e]);
   }
 
   verdict = e => this.columns.verdicts[this.columns.verdict[e]];
@@ -52,6 +66,7 @@ export class Edges {
     if (this.mode === "none") return [];
     if (this.mode === "selected") return this.drawable.filter(e => [this.columns.i[e], this.columns.j[e]].includes(this.frame));
     if (this.mode === "all") return this.drawable;
+    if (this.mode === "between") return this.drawable.filter(e => this.joins(e) && this.verdict(e) !== "rejected");
     const verdicts = this.mode === "verified" ? ["verified"] : ["verified", "weak"];
     return this.drawable.filter(e => verdicts.includes(this.verdict(e)));
   }
@@ -68,6 +83,12 @@ export class Edges {
     }
     if (positions.length) this.object.add(this.shown.length > 200 ? thin(positions, colors, 0.45) : broad(positions, colors, 1.8));
     this.stage.invalidate();
+  }
+
+  /** The matches of an edge that can be drawn: { px, agrees }. */
+  drawn(e) {
+    const [from, to] = [this.first[e], this.first[e + 1]];
+    return { px: this.matches.px.subarray(4 * from, 4 * to), agrees: this.matches.agrees.subarray(from, to) };
   }
 
   ends(e) {

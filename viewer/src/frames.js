@@ -2,13 +2,36 @@
 import { Quaternion, Vector3 } from "three";
 import { known, quantile } from "./format.js";
 
+const UNKNOWN_CAMERA = { left: 0.5, right: 0.5, top: 0.4, bottom: 0.4, width: 640, height: 480 };
+
 export class Frames {
-  constructor(columns, camera) {
+  /** `recordings`: of a map, { name, first, count, camera } of each; its frames are counted through. */
+  constructor(columns, camera, recordings) {
     this.columns = columns;
     this.count = columns.pose.length;
-    this.camera = camera ?? { left: 0.5, right: 0.5, top: 0.4, bottom: 0.4, width: 640, height: 480 };
+    this.recordings = recordings ?? [{ name: null, first: 0, count: this.count, camera }];
     this.placed = [...Array(this.count).keys()].filter(k => columns.pose[k]);
     this.reach = this.extent();
+  }
+
+  /** The number of the recording that a frame is of. */
+  recording(k) {
+    return this.recordings.findLastIndex(({ first }) => k >= first);
+  }
+
+  /** The frame's number in its own recording. */
+  number(k) {
+    return k - this.recordings[this.recording(k)].first;
+  }
+
+  /** What a frame is called: by its number, and by its recording where there are several. */
+  name(k) {
+    const { name } = this.recordings[this.recording(k)];
+    return name === null ? `${k}` : `${this.number(k)} of ${name}`;
+  }
+
+  camera(k) {
+    return this.recordings[this.recording(k)].camera ?? UNKNOWN_CAMERA;
   }
 
   position(k) {
@@ -21,19 +44,19 @@ export class Frames {
 
   /** [centre, four corners of the image at `size` metres] in the world. */
   frustum(k, size) {
-    const { left, right, top, bottom } = this.camera;
+    const { left, right, top, bottom } = this.camera(k);
     const q = this.turn(k), at = new Vector3(...this.position(k));
     const corners = [[-left, -top], [right, -top], [right, bottom], [-left, bottom]];
     return [at, ...corners.map(([x, y]) => new Vector3(x, y, 1).multiplyScalar(size).applyQuaternion(q).add(at))];
   }
 
-  /** Pairs of frames that follow each other within a piece. */
+  /** Pairs of frames that follow each other within a piece of a recording. */
   steps() {
     const last = new Map(), found = [];
     for (const k of this.placed) {
-      const piece = this.columns.piece[k];
-      if (last.has(piece)) found.push([last.get(piece), k]);
-      last.set(piece, k);
+      const part = `${this.columns.piece[k]} ${this.recording(k)}`;
+      if (last.has(part)) found.push([last.get(part), k]);
+      last.set(part, k);
     }
     return found;
   }
@@ -55,6 +78,7 @@ export class Frames {
       { key: "sigma_m", words: "uncertainty (1 sigma)", scale: 100, unit: "cm" },
       { key: "speed", words: "speed", scale: 1, unit: "m/s" },
     ];
-    return all.filter(({ key }) => this.columns[key]?.some(known));
+    const own = all.filter(({ key }) => this.columns[key]?.some(known));
+    return this.recordings.length > 1 ? [{ key: "recording", words: "recording" }, ...own] : own;
   }
 }

@@ -2,7 +2,7 @@
 import { Beside } from "./beside.js";
 import { bounds, heading } from "./bounds.js";
 import { Cameras } from "./cameras.js";
-import { OTHER, TRUTH } from "./colors.js";
+import { OTHER, TRUTH, recordingColor } from "./colors.js";
 import { Edges } from "./edges.js";
 import { Ellipsoids } from "./ellipsoids.js";
 import { Frames } from "./frames.js";
@@ -22,6 +22,7 @@ import { Slab } from "./slab.js";
 import { openSource } from "./source.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
+import { fromBase64, unpackMatches } from "./unpack.js";
 
 const CLICK_PX = 5; // a pointer that moved farther turned the view
 
@@ -32,7 +33,7 @@ const say = words => { part("said").textContent = words; };
 async function start(viewer) {
   const source = await openSource();
   const { scene } = source;
-  const frames = new Frames(scene.frames, scene.camera);
+  const frames = new Frames(scene.frames, scene.camera, scene.recordings);
   viewer.classList.toggle("v-alone", !frames.count); // a model without frames
   const stage = new Stage(part("canvas"), scene.up);
   const pace = new Pace(stage);
@@ -42,7 +43,7 @@ async function start(viewer) {
   slab.reach(box.low, box.high);
   const navigation = new Navigation(stage, pace, box, heading(stage, frames));
   const cameras = new Cameras(frames, stage);
-  const edges = new Edges(scene.edges, frames, stage);
+  const edges = new Edges(scene.edges, await unpackMatches(fromBase64(scene.edges.packed)), frames, stage);
   const ellipsoids = new Ellipsoids(frames, stage);
   new Labels(stage.canvas.parentElement, frames, stage);
   const ruler = new Measure(stage, part("distance"));
@@ -55,7 +56,7 @@ async function start(viewer) {
 
   const layers = [
     { words: "model", objects: [model?.object], on: true },
-    { words: "cameras", objects: [cameras.object], on: frames.count < 2000 },
+    { words: cameras.words, objects: [cameras.object], on: true },
     { words: "path", objects: [cameras.path], on: true },
     ...(ellipsoids.known ? [{ words: `uncertainty (${ellipsoids.words})`, objects: [ellipsoids.object], on: false }] : []),
     ...(scene.truth ? [{ words: "ground truth", objects: [new Beside(scene.truth, frames, TRUTH, stage).object], on: true }] : []),
@@ -70,7 +71,8 @@ async function start(viewer) {
     const chosen = measure();
     const rows = edges.legend();
     drawLegend(part("legend"), [
-      ...(chosen ? [{ title: chosen.words, ramp: pathRange, unit: chosen.unit }] : []),
+      ...(chosen?.key === "recording" ? [{ title: "", rows: frames.recordings.map(({ name }, r) => [name, recordingColor(r)]) }]
+        : chosen ? [{ title: chosen.words, ramp: pathRange, unit: chosen.unit }] : []),
       ...(edges.shown.length ? [rows ? { title: "edges", rows } : { title: "residual", ramp: [0, edges.worst], unit: "deg" }] : []),
     ]);
   };
@@ -80,6 +82,12 @@ async function start(viewer) {
     pathRange = cameras.colorBy(measure());
     legend();
   });
+  if (scene.recordings) { // of a map: which is which, and what joins them
+    part("path-color").value = "recording";
+    cameras.colorBy(measure());
+    part("edge-mode").add(new Option("between recordings", "between"));
+    part("edge-mode").value = "between";
+  }
   if (scene.edges.origins) part("edge-color").add(new Option("which result", "origin"));
   const showEdges = () => {
     edges.mode = part("edge-mode").value;
@@ -97,10 +105,10 @@ async function start(viewer) {
     if (frame !== null) {
       panel.frame(frame);
       timeline.show(frame);
-      say(`Frame ${frame} selected. ${part("details").querySelector("dl")?.innerText.replace(/\n/g, " ") ?? ""}`);
+      say(`Frame ${frames.name(frame)} selected. ${part("details").querySelector("dl")?.innerText.replace(/\n/g, " ") ?? ""}`);
     } else if (edge !== null) {
       panel.edge(edge);
-      say(`Edge ${scene.edges.i[edge]} to ${scene.edges.j[edge]} selected, ${panel.line(edge)}.`);
+      say(`Edge ${edges.name(edge)} selected, ${panel.line(edge)}.`);
     } else {
       panel.nothing();
       timeline.show(null);
@@ -187,7 +195,7 @@ async function start(viewer) {
   panel.nothing();
   use("orbit");
   navigation.overview();
-  legend();
+  showEdges();
   if (!frames.placed.length && frames.count) say("No frame has a pose. Step through the frames to see why.");
   follow();
   viewer.dataset.ready = "true";

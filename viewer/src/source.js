@@ -6,8 +6,8 @@ class Carried {
   constructor() {
     this.scene = this.json("v-scene");
     this.model = this.json("v-model");
-    this.pictures = this.json("v-pictures") ?? {};
-    this.numbers = Object.keys(this.pictures).map(Number).sort((a, b) => a - b);
+    this.pictures = this.json("v-pictures") ?? []; // larger ones first
+    this.numbers = this.pictures.flatMap(({ files }) => Object.keys(files).map(Number)).sort((a, b) => a - b);
   }
 
   json(id) {
@@ -23,7 +23,8 @@ class Carried {
   picture(k) {
     if (!this.numbers.length) return null;
     const frame = this.numbers.reduce((best, n) => (Math.abs(n - k) < Math.abs(best - k) ? n : best));
-    return { frame, src: `data:image/jpeg;base64,${this.pictures[frame]}` };
+    const { head, files } = this.pictures.find(size => frame in size.files);
+    return { frame, src: `data:image/jpeg;base64,${head}${files[frame]}` };
   }
 }
 

@@ -40,7 +40,7 @@ export class Timeline {
     this.current = k;
     const { columns, count } = this.frames;
     if (k !== null) this.slider.value = k;
-    const words = k === null ? `${count} frames` : `frame ${k} of ${count}, ${columns.seconds[k].toFixed(2)} s`;
+    const words = k === null ? `${count} frames` : `frame ${this.frames.name(k)}${this.frames.recordings.length > 1 ? "" : ` of ${count}`}, ${columns.seconds[k].toFixed(2)} s`;
     this.label.textContent = words;
     this.slider.setAttribute("aria-valuetext", words);
   }

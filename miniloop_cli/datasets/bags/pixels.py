@@ -120,7 +120,7 @@ def compressed_header(head: ImageHead, topic: str, data: bytes) -> ImageHeader:
 
 
 def compressed_pixels(head: ImageHead, topic: str, data: bytes) -> NDArray[Any]:
-    """The pixels of a CompressedImage; quantised depth as float32 metres, 0 = no reading."""
+    """The pixels (h, w) or (h, w, 3) of a CompressedImage; quantised depth as float32 metres, 0 = no reading."""
     encoding, how = compressed_format(head.encoding, topic)
     if how == "image":
         return decode(data)

@@ -1,0 +1,1 @@
+"""A texture for a mesh from the sharpest images."""

@@ -90,7 +90,7 @@ def reader(model: Model) -> Read:
 
 
 def blurred(color: Bytes) -> Bytes:
-    """The mean around each pixel."""
+    """The mean around each pixel of (h, w, 3)."""
     return np.asarray(cv2.blur(color, (SAMPLE_BLUR_PX, SAMPLE_BLUR_PX)), np.uint8)
 
 
@@ -135,7 +135,7 @@ def offset_image(
 
 
 def paste(texture: Bytes, layout: Layout, patches: Ints, picture: Bytes) -> None:
-    """Copy the rectangles of the patches of one view into the texture."""
+    """Copy the rectangles of patches (k,) from the picture (h, w, 3) of their view into the texture (s, s, 3)."""
     for p in patches.tolist():
         left, top, right, bottom = layout.source[p].tolist()
         (x, y), (w, h) = layout.corner[p].tolist(), layout.size[p].tolist()

@@ -96,7 +96,7 @@ def patches(label: Labels, pairs: Ints) -> Ints:
 
 
 def absorb_small(label: Labels, view: Labels, pairs: Ints) -> Labels:
-    """Labels of which small patches went over to the neighbour they share most edges with, where its view sees them."""
+    """Labels (n,); small patches go to the neighbour they share most edges with, if its view sees them."""
     for _ in range(ABSORBING_ROUNDS):
         patch = patches(label, pairs)
         small: Bools = np.bincount(patch)[patch] < SMALL_PATCH

@@ -72,7 +72,7 @@ class Sight:
         self._rays = camera.backproject(px, np.ones(len(px))).reshape(h, w, 3).astype(np.float32)
 
     def hits(self, T_world_cam: Floats) -> Hits:
-        """What the rays through all pixels hit first; directions have depth 1, so that distances are depths."""
+        """What the rays through all pixels hit first at T_world_cam (4, 4); distances are depths along the axis."""
         T = T_world_cam.astype(np.float32)
         rays = np.empty((*self._rays.shape[:2], 6), np.float32)
         rays[..., :3], rays[..., 3:] = T[:3, 3], self._rays @ T[:3, :3].T

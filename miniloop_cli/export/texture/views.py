@@ -22,7 +22,7 @@ SHARPNESS_POWER = 4  # a blurred image must be much nearer than a sharp one to s
 
 
 def choose_views(mesh: Mesh, glimpses: Glimpses, T_world_cam: Floats, camera: Camera) -> Ints:
-    """Rows of the trajectory, ascending, whose scans show the surface best.
+    """Ascending rows (k,) of the trajectory T_world_cam (n, 4, 4) whose scans show the surface best.
 
     Greedy: the next view is the one that adds most to the sum over the surface of the quality of the best view there,
     relative to the best there is (facility location; Nemhauser et al. 1978).
@@ -106,7 +106,7 @@ def looked_at(
 
 
 def density(z_m: Floats32, cosine: Floats32, camera: Camera) -> Floats32:
-    """Pixels a square metre of surface at these depths and angles to the rays."""
+    """Pixels a square metre of surface at depths (n,) and cosines (n,) of the angles to the rays."""
     return np.float32(camera.fx * camera.fy) / z_m**2 * cosine
 
 

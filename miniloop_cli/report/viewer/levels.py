@@ -38,6 +38,11 @@ class Levels:
     def __len__(self) -> int:
         return len(self.order)
 
+    @property
+    def spacing(self) -> float:
+        """How far apart most points stand, in steps."""
+        return float(1 << BITS) / float(1 << int(np.median(self.level))) if len(self) else 1.0
+
     def first(self, count: int) -> Levels:
         """At most `count` points: the coarse levels whole, and evenly spaced ones of the level that does not fit."""
         if count >= len(self):

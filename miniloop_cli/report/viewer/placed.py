@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from miniloop_cli.geometry import se3
-from miniloop_cli.report.viewer.upward import up_direction
+from miniloop_cli.geometry.upward import smallest_turn, up_direction
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.folder import column
 from miniloop_cli.scene.interpolation import nearest
@@ -52,7 +52,7 @@ def place(data: ReportData, leveled: bool) -> Placed:
         if found.sum() < 2:
             continue
         own = chained[found]
-        own = se3.pose(_turned(up_direction(own), up), np.zeros(3)) @ own
+        own = se3.pose(smallest_turn(up_direction(own), up), np.zeros(3)) @ own
         low, high = own[:, :3, 3].min(axis=0), own[:, :3, 3].max(axis=0)
         reach_m = max(float(np.linalg.norm(high - low)), LEAST_SIZE_M) / 2
         side = np.cross(up, main[:, :3, 2].mean(axis=0)) if len(main) else np.cross(up, [0.0, 0.0, 1.0])
@@ -103,12 +103,3 @@ def _chained(data: ReportData, member: Bools) -> tuple[Floats, Bools]:
                 T_world_cam[there], found[there] = T_world_cam[here] @ T_here_there, True
                 waiting.append(there)
     return T_world_cam, found
-
-
-def _turned(a: Floats, b: Floats) -> Floats:
-    """(3, 3) the smallest rotation that takes the unit vector a to b."""
-    axis, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1 + 1e-9:
-        return se3.exp_so3(np.pi * np.linalg.svd(a[None])[2][1])
-    W = se3.hat(axis)
-    return np.eye(3) + W + W @ W / (1 + cosine)

@@ -8,9 +8,11 @@ import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.upward import up_direction
 from miniloop_cli.report.charts import named
+from miniloop_cli.report.viewer import packing
+from miniloop_cli.report.viewer.matches import drawn_matches
 from miniloop_cli.report.viewer.placed import Placed, place
-from miniloop_cli.report.viewer.upward import up_direction
 from miniloop_cli.results.columns import Edges, ReportData
 from miniloop_cli.results.folder import LARGEST
 from miniloop_cli.scene.interpolation import nearest
@@ -18,7 +20,6 @@ from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
 
 MOST_EDGES = 20_000  # verified and weak ones first; the rest is in edges.csv
-MOST_MATCHES = 40  # drawn for an edge
 
 Values = dict[str, Any]
 
@@ -136,10 +137,13 @@ def truth_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def edge_values(data: ReportData, posed: Bools) -> Values:
-    """Columns, one entry an edge between frames that are placed or not; texts that repeat are numbered."""
+    """Columns, one entry an edge between frames that are placed or not; texts that repeat are numbered.
+
+    `drawn`: how many of the matches in `packed` are of each edge.
+    """
     edges = data.edges
     rows = chosen(edges)
-    px = [_few(data.inlier_px.get(int(k))) for k in rows]
+    drawn, packed = drawn_matches(data, rows)
     solvers, verdicts = sorted(set(edges.solver)), [verdict.label for verdict in Verdict]
     return {
         "i": edges.i[rows].tolist(),
@@ -156,7 +160,8 @@ def edge_values(data: ReportData, posed: Bools) -> Values:
         "inliers": rounded(edges.inliers[rows], 0),
         "deg": rounded(edges.rot_deg[rows], 3),
         "m": rounded(edges.trans_m[rows], 5),
-        "px": px,
+        "drawn": drawn.tolist(),
+        "packed": packing.text(packed),
         "left_out": len(edges) - len(rows),
     }
 
@@ -166,15 +171,6 @@ def chosen(edges: Edges) -> Ints:
     order = edges.by_residual
     rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     return order[np.argsort(rank, kind="stable")][:MOST_EDGES]
-
-
-def _few(px: tuple[Floats, Floats] | None) -> list[int]:
-    """u_i v_i u_j v_j of some inlier matches, one after the other, whole pixels."""
-    if px is None or not len(px[0]):
-        return []
-    rows = np.unique(np.linspace(0, len(px[0]) - 1, min(MOST_MATCHES, len(px[0]))).round().astype(int))
-    ends = np.nan_to_num(np.concatenate([px[0][rows], px[1][rows]], axis=1), nan=-1)
-    return np.rint(np.clip(ends, -1, 1e6)).astype(int).ravel().tolist()
 
 
 def rounded(values: Floats, digits: int) -> list[Any]:

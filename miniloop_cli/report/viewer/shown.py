@@ -5,21 +5,19 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 from miniloop_cli.errors import InputError
-from miniloop_cli.report.images import frame_image, jpeg
 from miniloop_cli.report.templating import asset, render
 from miniloop_cli.report.truth import against_truth
-from miniloop_cli.report.viewer.models import Glb, Tiled, read_model
+from miniloop_cli.report.viewer.frame_images import FrameImages, RecordingImages
+from miniloop_cli.report.viewer.map_scene import MapData, map_cloud, map_scene
+from miniloop_cli.report.viewer.models import Glb, Tiled, read_model, tiled
 from miniloop_cli.report.viewer.scene import scene
 from miniloop_cli.results.columns import ReportData
-from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.version import __version__
 
 UP = {"x": [1, 0, 0], "-x": [-1, 0, 0], "y": [0, 1, 0], "-y": [0, -1, 0], "z": [0, 0, 1], "-z": [0, 0, -1]}
-IMAGE_WIDTH_PX = 640
 KIND = {"js": "text/javascript", "css": "text/css", "json": "application/json", "jpg": "image/jpeg"}
 MOST_POINTS_AT_ONCE = 5_000_000
 
@@ -32,8 +30,7 @@ class Shown:
 
     values: dict[str, Any]
     model: Tiled | Glb | None
-    sequence: Sequence | None = None
-    images: Lock = field(default_factory=Lock)  # recordings are read by one thread at a time
+    images: FrameImages = field(default_factory=FrameImages)
 
     def answer(self, path: str) -> Answer | None:
         """Media type and content of a path below the page's own; None for what there is not."""
@@ -69,13 +66,10 @@ class Shown:
 
     def _frame(self, words: str) -> Answer | None:
         number = words.removesuffix(".jpg")
-        if self.sequence is None or not (number.isascii() and number.isdigit() and len(number) < 10):
+        if not (number.isascii() and number.isdigit() and len(number) < 10):
             return None
-        if int(number) >= len(self.sequence.frames):
-            return None
-        with self.images:
-            found = frame_image(self.sequence, int(number), IMAGE_WIDTH_PX)
-        return (KIND["jpg"], jpeg(found[0]).tobytes()) if found else None
+        found = self.images.jpeg(int(number))
+        return (KIND["jpg"], found) if found else None
 
 
 def show_result(data: ReportData, model_path: Path | None = None) -> Shown:
@@ -86,9 +80,18 @@ def show_result(data: ReportData, model_path: Path | None = None) -> Shown:
     if not len(data.frames):
         raise InputError(f"{data.results.root} holds no frames: give the folder that `miniloop register` wrote")
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
-    values = scene(data, against_truth(data, trajectory)) | {"images": data.sequence is not None}
+    images = FrameImages((RecordingImages.of(data),))
+    values = scene(data, against_truth(data, trajectory)) | {"images": images.any}
     path = model_path or data.results.root / "cloud.ply"
-    return Shown(values, read_model(path) if path.is_file() else None, data.sequence)
+    return Shown(values, read_model(path) if path.is_file() else None, images)
+
+
+def show_map(data: MapData, result: Path) -> Shown:
+    """A map of several recordings with their common model. Raises InputError for a damaged file."""
+    images = FrameImages(tuple(RecordingImages.of(run) for run in data.runs))
+    points, colors = map_cloud(data, result)
+    model = tiled(points, colors) if len(points) else None
+    return Shown(map_scene(data) | {"images": images.any}, model, images)
 
 
 def show_model(path: Path, up: str | None) -> Shown:
@@ -101,14 +104,14 @@ def show_model(path: Path, up: str | None) -> Shown:
 def nothing_but_a_model(name: str, up: list[int]) -> dict[str, Any]:
     """The scene of a model without frames."""
     frames = "seconds stamp pose piece status reason found_by keypoints sigma_m sigma_deg error_m speed ellipsoid"
-    edges = "i j solvers solver_words solver verdict rejection reason cycle matches inliers deg m px"
+    edges = "i j solvers solver_words solver verdict rejection reason cycle matches inliers deg m drawn"
     return {
         "name": name,
         "up": up,
         "camera": None,
         "frames": {column: [] for column in frames.split()},
         "edges": {column: [] for column in edges.split()}
-        | {"verdicts": ["verified", "weak", "rejected"], "left_out": 0},
+        | {"verdicts": ["verified", "weak", "rejected"], "left_out": 0, "packed": ""},
         "truth": None,
         "images": False,
     }

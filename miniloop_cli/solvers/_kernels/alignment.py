@@ -77,7 +77,7 @@ def aligned(frame: Floats, point: Floats) -> Point:
 
 @njit(**OPTIONS)
 def off_axis(frame: Floats, point: Point) -> bool:
-    """Whether a point in aligned coordinates is so far from the axis that a turn about it can be seen at all."""
+    """Whether a point in the aligned coordinates of frame (12,) is far enough from the axis for a turn to show."""
     radius2 = point[0] * point[0] + point[1] * point[1]
     size2 = point[2] * point[2] + frame[9] * frame[9] + frame[10] * frame[10] + frame[11] * frame[11]
     return radius2 > SHORTEST_BASELINE * SHORTEST_BASELINE * size2 and radius2 < math.inf
@@ -85,7 +85,7 @@ def off_axis(frame: Floats, point: Point) -> bool:
 
 @njit(**OPTIONS)
 def joint(H: Floats, G: Floats) -> Motion:
-    """K = H G^-1: from the frame of the axis by which a scan is entered (G) to that by which it is left (H)."""
+    """K = H G^-1 of H (12,), G (12,): from the axis that a scan is entered by (G) to the one it is left by (H)."""
     x, y, z = G[9] - H[9], G[10] - H[10], G[11] - H[11]
     return (
         H[0] * G[0] + H[1] * G[1] + H[2] * G[2],

@@ -19,13 +19,13 @@ from miniloop_cli.typing import Floats
 
 @njit(**OPTIONS)
 def xy(points: Floats, i: int) -> complex:
-    """The horizontal part of row i."""
+    """The horizontal part of row i of points (n, 3)."""
     return complex(points[i, 0], points[i, 1])
 
 
 @njit(**OPTIONS)
 def height_change(p: Floats, q: Floats, i: int) -> float:
-    """How much match i says z grows from p to q."""
+    """How much z grows from p (n, 3) to q (n, 3) by match i."""
     return q[i, 2] - p[i, 2]
 
 
@@ -50,7 +50,7 @@ def turns_reaching(s: complex, t: complex, reach: float) -> tuple[complex, compl
 
 @njit(**OPTIONS)
 def finite(p: Floats, q: Floats) -> bool:
-    """Whether all coordinates are: the lines above look only at some of them."""
+    """Whether all coordinates of p (n, 3) and q (n, 3) are finite."""
     total = 0.0
     for i in range(p.shape[0]):
         for k in range(3):
@@ -60,7 +60,7 @@ def finite(p: Floats, q: Floats) -> bool:
 
 @njit(**OPTIONS)
 def write_upright(T: Floats, s: int, e: int, p: Floats, q: Floats, turn: complex, up: float) -> None:
-    """T[s, e] = [R | t]: R turns about z, t takes the xy of row e of p to that of q and lifts by `up`."""
+    """T[s, e] = [R | t], T (s, e, 3, 4): R turns about z, t moves the xy of p[e] to that of q[e] and lifts by `up`."""
     shift = xy(q, e) - turn * xy(p, e)
     for row in range(3):
         for column in range(4):

@@ -175,7 +175,7 @@ def _roots_on_half(f: Floats, d: int, nearly_real: float, work: Floats, out: Flo
 
 @njit(**OPTIONS)
 def roots_on_circle(memory: Floats, d: int, nearly_real: float) -> int:
-    """How many angles there are at which f vanishes; memory[1] gets their cosines, memory[2] their sines.
+    """The number of angles at which f vanishes; memory[1] gets their cosines, memory[2] their sines, each (12,).
 
     memory[0]: C_0, C_1, S_1, ..., C_d, S_d of f, d = 2 or 4, overwritten; memory (ROWS, 12) from row 3 on is scratch.
     Zero for a polynomial that is not finite or vanishes identically.

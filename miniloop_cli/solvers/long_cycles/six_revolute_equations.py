@@ -155,7 +155,7 @@ def reduce_equations(left: Floats, right: Floats) -> Floats:
 
 @njit(**OPTIONS)
 def well_posed(S: Floats) -> bool:
-    """False if the eliminated monomials are dependent: axes in a special position make the triangle of S singular."""
+    """False if the triangle S (8, 8) of the eliminated monomials is singular: axes in a special position."""
     least, most = np.inf, 0.0
     for k in range(8):
         least, most = min(least, abs(S[k, k])), max(most, abs(S[k, k]))

@@ -1,0 +1,40 @@
+"""thumbnails.npz of a results folder: a small JPEG file of every frame that tracking has read."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from miniloop_cli.errors import InputError
+from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.typing import Bytes
+
+
+def write_thumbnails(path: Path, files: Mapping[int, Bytes]) -> None:
+    """JPEG files by frame number, one after the other."""
+    frames = sorted(files)
+    offsets = np.cumsum([0, *(len(files[k]) for k in frames)])
+    jpeg = np.concatenate([np.zeros(0, np.uint8), *(files[k] for k in frames)])
+    with atomic_write(path, "wb") as file:
+        np.savez(file, frames=np.array(frames, np.int64), offsets=offsets, jpeg=jpeg)
+
+
+def read_thumbnails(path: Path) -> dict[int, Bytes]:
+    """What `write_thumbnails` wrote; {} without the file. Raises InputError for anything else."""
+    if not path.is_file():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            frames, offsets, jpeg = (np.asarray(stored[name]) for name in ("frames", "offsets", "jpeg"))
+        sound = frames.dtype.kind + offsets.dtype.kind == "ii" and jpeg.dtype == np.uint8 and jpeg.ndim == 1
+        if not sound or frames.ndim != 1 or offsets.shape != (len(frames) + 1,):
+            raise ValueError("expected frames (k,), offsets (k + 1,) and jpeg, bytes")
+        if offsets[0] != 0 or offsets[-1] != len(jpeg) or (np.diff(offsets) < 0).any() or (frames < 0).any():
+            raise ValueError("offsets do not fit the files")
+    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
+        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
+    ends = itertools.pairwise(offsets.tolist())
+    return {k: jpeg[a:b] for k, (a, b) in zip(frames.tolist(), ends, strict=True)}

@@ -1,0 +1,92 @@
+"""Figures of README and docs come from results.json, and benchmarks write it."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.__main__ import benchmarks
+from benchmarks.figures import pages, store
+from benchmarks.figures.store import FigureError, Figures, load, put_table, save
+
+ROOT = Path(__file__).parents[2]
+WHOLE = {"sequence": "room", "frames": 300, "program": "miniloop register", "poses": 299, "ate_cm": 0.5}
+WHOLE |= {"rpe_deg": 0.25, "rpe_cm": 0.3, "cpu_s": 31.2, "wall_s": 21.6, "peak_mb": 500.4, "said": ""}
+GROWTH = {"frames": 1000, "rooms": 2, "poses": 1000, "ate_cm": 0.53, "cpu_ms": 25.0, "wall_ms": 40.0, "peak_mb": 500.0}
+GROWTH |= {"loops": 17, "found_share": 0.94, "between": 0, "between_share": None}
+
+
+@pytest.fixture
+def figures():
+    runs = {"walk": {"command": "walk", "date": "2026-01-02", "commit": "abc", "machine": None}}
+    values = {"walk.peak": {"what": "memory", "unit": "MB", "value": 1.5, "digits": 2, "run": "walk"}}
+    values["walk.ate"] = {"what": "error", "unit": "cm", "table": "walk.all", "row": ["slow"], "column": "ATE"}
+    found = Figures(runs, {}, values)
+    put_table(found, "walk.all", "all walks", (["", "ATE", "said"], [["slow", 0.25, "a [b]"], ["fast", None, 'a "b"']]))
+    return found
+
+
+def test_every_page_is_up_to_date():
+    assert pages.update(load(), check=True) == [], "run python -m benchmarks figures"
+
+
+def test_marks_are_filled_and_all_else_stays(figures):
+    text = "An error of <!--=walk.ate-->9<!--/--> cm, <!--=walk.peak--><!--/--> MB.\n\n"
+    text += "<!--table=walk.all--><!--/table-->\n"
+    table = '|  | ATE | said |\n|---|---:|---|\n| slow | 0.25 | a [b] |\n| fast | - | a "b" |'
+    made = pages.filled(text, figures)
+    assert made == (
+        "An error of <!--=walk.ate-->0.25<!--/--> cm, <!--=walk.peak-->1.50<!--/--> MB.\n\n"
+        f"<!--table=walk.all-->\n\n{table}\n\n<!--/table-->\n"
+    )
+    assert pages.filled(made, figures) == made
+    assert pages.filled("<!--run=walk.date--><!--/-->", figures) == "<!--run=walk.date-->2026-01-02<!--/-->"
+
+
+def test_unknown_figures_and_runs_are_named(figures, tmp_path):
+    with pytest.raises(FigureError, match=r"no figure 'walk\.nothing'"):
+        pages.filled("<!--=walk.nothing--><!--/-->", figures)
+    figures.values["walk.ate"]["row"] = ["quick"]
+    with pytest.raises(FigureError, match="no cell"):
+        figures.value("walk.ate")
+    del figures.runs["walk"]
+    save(figures, tmp_path / "r.json")
+    with pytest.raises(FigureError, match="names the run 'walk'"):
+        load(tmp_path / "r.json")
+
+
+def test_the_file_keeps_what_is_put_into_it_with_a_row_a_line(figures, tmp_path):
+    save(figures, tmp_path / "r.json")
+    assert load(tmp_path / "r.json") == figures
+    assert '["slow", 0.25, "a [b]"]' in (tmp_path / "r.json").read_text()
+
+
+def test_the_listing_names_origin_and_pages(figures):
+    text = pages.listing(figures, {"walk.ate": ["README.md"]})
+    assert "## walk\n\n`walk`; 2026-01-02, commit abc; machine: not noted." in text
+    assert "| `walk.ate` | 0.25 cm | error | README.md |" in text
+    assert "| `walk.all` | table, 2 rows | all walks |  |" in text
+
+
+def test_rows_of_a_command_become_a_table(tmp_path, monkeypatch):
+    path = tmp_path / "r.json"
+    save(Figures(), path)
+    monkeypatch.setattr(store.load, "__defaults__", (path,))
+    monkeypatch.setattr(store.save, "__defaults__", (path,))
+    monkeypatch.setattr("benchmarks.side_by_side.report.update", lambda figures, check: [])
+    for name, row in (("whole", WHOLE), ("growth", GROWTH)):
+        (tmp_path / "rows.json").write_text(json.dumps({"rows": [row]}))
+        done = CliRunner().invoke(benchmarks, ["record", name, str(tmp_path / "rows.json")])
+        assert done.exit_code == 0, done.output
+    found = load(path)
+    assert "| room, 300 frames: miniloop register | 299 | 0.50 | 0.25 |" in found.table("whole.recordings")
+    assert "| 17 | 94% | 0 | - |" in found.table("growth.rooms")
+    assert found.runs["growth"]["command"] == "python -m benchmarks growth"
+
+
+def test_no_measured_figure_of_the_readme_is_typed():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = re.sub(r"```.*?```|`[^`\n]*`|<!--=.*?<!--/-->|<!--table=.*?<!--/table-->", "", text, flags=re.DOTALL)
+    assert re.findall(r"\d[\d.]* ?(?:cm|mm|s|ms|µs|MB|GB|kB|°|%|deg)\b.*", text) == []

@@ -1,0 +1,56 @@
+"""Public functions are documented; those with arrays state the shapes."""
+
+import ast
+import re
+from pathlib import Path
+
+import click
+
+import miniloop_cli
+
+PACKAGE = Path(miniloop_cli.__file__).parent
+ARRAY = re.compile(r"\b(Floats|Floats32|Ints|Bools|Bytes|NDArray|ndarray)\b")
+# (n, 4, 4), (K,), (...), (3,), 3 x 4
+SHAPE = re.compile(r"\([A-Za-z0-9_ +*/^.|-]+,[^()]*\)|\(\.\.\.\)|\b\d+ ?x ?\d+\b|\(\d\)|\([a-z]\)")
+
+
+def public_functions():
+    """(where, name, definition, docstring of its class) of each public function and method."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        inside = [(ast.parse(path.read_text(encoding="utf-8")), "")]
+        while inside:
+            node, about = inside.pop()
+            for child in ast.iter_child_nodes(node):
+                if isinstance(child, ast.ClassDef) and not child.name.startswith("_"):
+                    inside.append((child, ast.get_docstring(child) or ""))
+                elif isinstance(child, ast.FunctionDef) and not child.name.startswith("_"):
+                    yield f"{path.relative_to(PACKAGE).as_posix()}:{child.lineno} {child.name}", child, about
+
+
+# A method that a protocol (read(), header() ...), a path or click's group documents need not repeat it.
+DOCUMENTED = {*dir(Path), *dir(click.Group)} | {
+    node.name for _, node, about in public_functions() if about and ast.get_docstring(node)
+}
+
+
+def test_every_public_function_is_documented():
+    missing = [
+        where
+        for where, node, about in public_functions()
+        if not ast.get_docstring(node) and not (about and node.name in DOCUMENTED)
+    ]
+    assert missing == []
+
+
+def test_functions_of_arrays_state_their_shapes():
+    unstated, counted = [], 0
+    for where, node, about in public_functions():
+        annotations = [argument.annotation for argument in (*node.args.args, *node.args.kwonlyargs)] + [node.returns]
+        if not any(ARRAY.search(ast.unparse(one)) for one in annotations if one is not None):
+            continue
+        counted += 1
+        said = ast.get_docstring(node) or ""
+        if not SHAPE.search(said + about) and not (about and not said and node.name in DOCUMENTED):
+            unstated.append(where)
+    assert counted > 500
+    assert unstated == []
