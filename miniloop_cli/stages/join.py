@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.features.retrieval import around
 from miniloop_cli.mapping.alone import landmarks_of
@@ -49,6 +50,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     edges = as_one_table([len(part) for part in parts], [part.edges for part in parts], solved)
     photometric = _photometric_check(parts, scans, settings, run) if settings.averaging.min_photo_consistency else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
+    poses, _ = prove_optimum(poses, edges, settings.averaging)
     first = np.cumsum([0, *(len(part) for part in parts)])
     of_part = np.repeat(np.arange(len(parts)), np.diff(first))
     between = of_part[edges.i] != of_part[edges.j]
