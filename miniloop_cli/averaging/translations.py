@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.initialization import trust, voted_start
-from miniloop_cli.averaging.laplacian import INEXACT, Differences, spread
+from miniloop_cli.averaging.laplacian import Differences, spread
 from miniloop_cli.scene.view_graph import GraphError, checked_pairs, checked_weights, require_connected
 from miniloop_cli.typing import Floats
 
@@ -71,7 +71,7 @@ def average_translations(
         step, iterations = np.inf, 0
         while iterations < reweights and step >= 1e-3 * scale_m:
             r = d - (t[edges[:, 0]] - t[edges[:, 1]])
-            x = system.solve(w / (1 + (r * r).sum(1) / scale_m**2), r, tolerance=INEXACT)
+            x = system.solve(w / (1 + (r * r).sum(1) / scale_m**2), r, tolerance=1e-3)
             t, step, iterations = t + x, spread(x), iterations + 1
         t = t - t[:1]
     else:
