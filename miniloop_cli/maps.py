@@ -114,8 +114,8 @@ def add(
         refuse_images(sequence, before.parts)
         run, part = _registered(sequence, settings, store, workers, before.seed)
         refuse_known(part, before.parts)
-        after = _joined([*before.parts, part], settings, store, workers, before.seed, before.joined.solved)
-        return _write(target, after, [run], store, workers, {})
+        after = _extended(before, part, settings, store, workers)
+        return _write(target, after, [run], store, workers, {}, before)
 
 
 def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True) -> dict[str, Any]:
@@ -139,7 +139,7 @@ def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True)
         parts = [part for k, part in enumerate(before.parts) if k != gone]
         settings = map_settings(target, before)
         after = _joined(parts, settings, store, workers, before.seed, solved)
-        return _write(target, after, [], store, workers, {})
+        return _write(target, after, [], store, workers, {}, before)
 
 
 @contextmanager
@@ -189,10 +189,27 @@ def _joined(
         return examined(join(parts, settings, run, solved), settings, run)
 
 
+def _extended(before: SceneMap, part: MapPart, settings: Settings, store: Store, workers: Workers) -> SceneMap:
+    from miniloop_cli.runtime.parallel import single_inner_threads
+    from miniloop_cli.stages.extend import extend
+    from miniloop_cli.stages.joints import examined
+    from miniloop_cli.stages.run import Run
+
+    with single_inner_threads():
+        run = Run(store, workers, before.seed)
+        return examined(extend(before, part, settings, run), settings, run)
+
+
 def _write(
-    target: Path, scene_map: SceneMap, runs: Many[Registration], store: Store, workers: Workers, extra: dict[str, Any]
+    target: Path,
+    scene_map: SceneMap,
+    runs: Many[Registration],
+    store: Store,
+    workers: Workers,
+    extra: dict[str, Any],
+    old: SceneMap | None = None,
 ) -> dict[str, Any]:
-    """The map, then the files of the runs, in its world, then those of the whole."""
+    """The map, then the files of the runs, in its world, then those of the whole; `old`: the map that it changes."""
     from miniloop_cli.api import write_run
     from miniloop_cli.mapping.carry import map_trajectories
     from miniloop_cli.report.map_page import write_map_page
@@ -200,7 +217,7 @@ def _write(
     from miniloop_cli.results.map_folder import has_map, read_manifest, write_map
 
     before = [str(entry["name"]) for entry in read_manifest(target)["recordings"]] if has_map(target) else []
-    write_map(target, scene_map)
+    write_map(target, scene_map, old)
     _make_room(target, before)
     for name in set(before) - {part.name for part in scene_map.parts}:
         shutil.rmtree(target / name, ignore_errors=True)

@@ -37,12 +37,34 @@ class Sketched:
     blocks: Bits
 
 
+@dataclass(frozen=True)
+class Sketcher:
+    """What sketches that are to be compared share: the mean (d,) that signs are about, and directions (d, 32 WORDS)."""
+
+    mean: Floats32
+    directions: Floats32
+
+    @staticmethod
+    def of(descriptors: Sequence[Bytes]) -> Sketcher:
+        """For the (n, d) compact descriptors of the scans of a recording."""
+        strongest = [found[:200] for found in descriptors if len(found)]
+        mean = np.concatenate(strongest).mean(axis=0).astype(np.float32) if strongest else np.zeros(1, np.float32)
+        return Sketcher(mean, _directions(len(mean)))
+
+    def sketched(self, descriptors: Bytes) -> Sketched:
+        """Compact descriptors (n, d) of one scan, the first MAX_FEATURES of them."""
+        found = descriptors[:MAX_FEATURES]
+        n = len(found)
+        signs = (found - self.mean) @ self.directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
+        rows = np.ascontiguousarray(np.packbits(signs, axis=1)).view(np.uint32)
+        padded = np.pad(rows, ((0, -n % LANES), (0, 0)))
+        return Sketched(found, rows, np.ascontiguousarray(padded.reshape(-1, LANES, WORDS).transpose(0, 2, 1)))
+
+
 def sketch(descriptors: Sequence[Bytes]) -> list[Sketched]:
     """Sketches of the (n, d) compact descriptors of each scan of a recording, about the recording's mean."""
-    strongest = [found[:200] for found in descriptors if len(found)]
-    mean = np.concatenate(strongest).mean(axis=0).astype(np.float32) if strongest else np.zeros(1, np.float32)
-    directions = _directions(len(mean))
-    return [_sketched(found[:MAX_FEATURES], mean, directions) for found in descriptors]
+    sketcher = Sketcher.of(descriptors)
+    return [sketcher.sketched(found) for found in descriptors]
 
 
 def _directions(d: int) -> Floats32:
@@ -50,14 +72,6 @@ def _directions(d: int) -> Floats32:
     rng, count = np.random.default_rng(0), 32 * WORDS
     groups = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(-(-count // d))]
     return np.hstack(groups)[:, :count].astype(np.float32)
-
-
-def _sketched(descriptors: Bytes, mean: Floats32, directions: Floats32) -> Sketched:
-    n = len(descriptors)
-    signs = (descriptors - mean) @ directions > 0 if n else np.zeros((0, 32 * WORDS), bool)
-    rows = np.ascontiguousarray(np.packbits(signs, axis=1)).view(np.uint32)
-    padded = np.pad(rows, ((0, -n % LANES), (0, 0)))
-    return Sketched(descriptors, rows, np.ascontiguousarray(padded.reshape(-1, LANES, WORDS).transpose(0, 2, 1)))
 
 
 def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:

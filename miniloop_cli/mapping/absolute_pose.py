@@ -14,7 +14,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 ITERATIONS = 2000
 MAX_CHI2 = 11.3  # of an inlier: 99 % of pixels (2 degrees of freedom) with their points' uncertainty lie within 9.2
 SCALE = 2.0  # of the Cauchy kernel, in sigmas
-STEPS = 15
+STEPS, SMALL = 15, 1e-5  # steps at most; one of less than so many rad and m is the last
 NEAR_M = 0.05
 LEAST = 4  # points that a pose needs
 
@@ -95,7 +95,7 @@ def refined_pose(
         step = -np.linalg.solve(H, g)
         T = T @ se3.pose(se3.exp_so3(step[:3]), step[3:6])
         log_focal += float(step[6]) if with_focal else 0.0
-        if np.abs(step).max() < 1e-7:
+        if np.abs(step).max() < SMALL:
             break
     H_k, g_k, chi2 = _equations(T, np.exp(log_focal), seen, camera, sigma_px)
     inliers = chi2 < MAX_CHI2

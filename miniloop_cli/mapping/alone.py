@@ -9,6 +9,7 @@ import numpy as np
 
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.retrieval import index
+from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import scan_points
 from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap
@@ -27,8 +28,16 @@ def map_of(part: MapPart, settings: Mapping[str, Any], seed: int) -> SceneMap:
 def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> MapPoints:
     """Points that keyframes of these recordings saw, at T_world_cam (K, 4, 4); `between`: edges that join them."""
     points = [scan_points(features, part.camera) for part in parts for features in part.features]
+    pairs, matches = matches_of_edges(parts, between)
+    offsets = np.cumsum([0, *(len(scan.points_m) for scan in points)])
+    return landmarks(points, T_world_cam, build_tracks(offsets, pairs, matches))
+
+
+def matches_of_edges(parts: Sequence[MapPart], between: EdgeTable) -> tuple[Ints, list[Ints]]:
+    """Pairs (m, 2) of keyframes, counted through the recordings, and the inliers (k, 2) of the edge of each."""
     first = np.cumsum([0, *(len(part) for part in parts)])
     pairs = [part.edges.pairs + start for part, start in zip(parts, first, strict=False)]
     tables = [*(part.edges for part in parts), between]
-    matches: list[Ints] = [table.inlier_rows(e) for table in tables for e in range(len(table))]
-    return landmarks(points, T_world_cam, np.concatenate([*pairs, between.pairs]), matches)
+    return np.concatenate([*pairs, between.pairs]), [
+        table.inlier_rows(e) for table in tables for e in range(len(table))
+    ]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from miniloop_cli.refinement.tracks import build_tracks
+from miniloop_cli.refinement.tracks import Tracks
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Floats, Ints
@@ -15,14 +15,13 @@ MAX_CHI2 = 16.0  # of an observation against the others of its point
 POSE_SIGMA_M = 0.002  # by which poses place the same point differently, however often it was seen
 
 
-def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, pairs: Ints, matches: Sequence[Ints]) -> MapPoints:
-    """Points seen by two keyframes and more, from the matches (k, 2) of each pair (m, 2) of keyframes.
+def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, tracks: Tracks) -> MapPoints:
+    """Points seen by two keyframes and more.
 
     points: of each keyframe its features in space; T_world_cam (n, 4, 4). A point is the mean of what its keyframes
     saw, each weighted by the inverse of its covariance. An observation that is off by more than MAX_CHI2 is left out.
     """
     offsets = np.cumsum([0, *(len(scan.points_m) for scan in points)])
-    tracks = build_tracks(offsets, pairs, matches)
     of_feature = np.full(int(offsets[-1]), -1)
     if not tracks.count:
         return MapPoints(np.zeros((0, 3)), np.zeros((0, 3, 3)), of_feature)

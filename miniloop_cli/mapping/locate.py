@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from miniloop_cli.config import Bundle
-from miniloop_cli.features.detect import compact, comparable
+from miniloop_cli.feature_types import FEATURE_TYPES
+from miniloop_cli.features.detect import compact
 from miniloop_cli.features.guided import guided_match, searchable
-from miniloop_cli.features.match import match
+from miniloop_cli.features.lsh_match import MAX_FEATURES, Sketcher, match_sketched
 from miniloop_cli.features.retrieval import described
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
@@ -33,6 +34,7 @@ MIN_MATCHES = 8  # with a keyframe, to take part
 THRESHOLD_PX = 8.0  # while sampling: points are some millimetres off, and rolling shutters bend images
 MIN_INLIERS = 12
 MIN_ALIKE = 0.4  # share of the common view that must look alike
+RATIO = 0.8  # of the distances of the nearest and the second nearest descriptor
 RIVAL = 0.5  # share of the inliers with which another pose makes this one doubtful
 OTHER_DEG, OTHER_M = 5.0, 0.1  # from where on a pose is another one
 FOCAL_STEPS = (1.0, 0.85, 1.18, 0.72, 1.39)  # tried where the focal length is a guess
@@ -48,7 +50,9 @@ class Locator:
     views: Sequence[View | None]
     piece: Ints  # of each keyframe
     sample: Floats  # (K, s, 3) points of each keyframe in the world
+    sketcher: Sketcher
     _ready: dict = field(default_factory=dict, repr=False)
+    _sketched: dict = field(default_factory=dict, repr=False)
 
     @staticmethod
     def of(scene_map: SceneMap) -> Locator:
@@ -62,7 +66,9 @@ class Locator:
             if len(scan):
                 rows = np.linspace(0, len(scan) - 1, 60).astype(int)
                 sample[k] = se3.transform(T, common.backproject(scan.px_ideal[rows], scan.z_m[rows]))
-        return Locator(scene_map, common, features, views, piece, sample)
+        kind = scene_map.feature_type
+        sketcher = Sketcher.of([compact(f.descriptors[:200], kind)[0] for f in features])
+        return Locator(scene_map, common, features, views, piece, sample, sketcher)
 
     def locate(self, query: Query) -> Location:
         """Where the image was taken."""
@@ -83,9 +89,15 @@ class Locator:
     def _matches(self, query: Query, keyframes: Ints) -> dict[int, Ints]:
         """Matches (k, 2) of the image with those keyframes that have enough."""
         kind = self.scene_map.feature_type
-        own = comparable(query.features.descriptors, kind)
-        found = {int(k): match(own, comparable(self.features[k].descriptors, kind)) for k in keyframes.tolist()}
-        return {k: rows for k, rows in found.items() if len(rows) >= MIN_MATCHES}
+        ratio2 = RATIO ** (1 if FEATURE_TYPES[kind].descriptors.binary else 2)
+        own, found = self.sketcher.sketched(compact(query.features.descriptors, kind)[0]), {}
+        for k in keyframes.tolist():
+            if k not in self._sketched:
+                self._sketched[k] = self.sketcher.sketched(compact(self.features[k].descriptors, kind)[0])
+            rows = match_sketched(own, self._sketched[k], MAX_FEATURES, ratio2)
+            if len(rows) >= MIN_MATCHES:
+                found[k] = rows
+        return found
 
     def _pose(self, query: Query, found: dict[int, Ints], piece: int) -> _Candidate | None:
         """The pose that most of the matches with one piece agree on, refined with matches that it leads to."""

@@ -24,7 +24,7 @@ def as_one_table(counts: Sequence[int], own: Sequence[EdgeTable], between: Mappi
     for (a, b), table in between.items():
         shift = np.array([first[a], first[b] - counts[a]])
         tables.append(replace(table, i=table.i + shift[0], j=table.j + shift[1]))
-    return EdgeTable.of([edge for table in tables for edge in table.edges()])
+    return EdgeTable.concatenated(tables) if tables else EdgeTable.of([])
 
 
 def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) -> Ints:
@@ -40,7 +40,12 @@ def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) ->
         rows = between.pairs[together][(ends == pair).all(axis=1)]
         if min(len(np.unique(rows[:, 0])), len(np.unique(rows[:, 1]))) >= MIN_JOINING:
             pairs.append(pair)
-    label = components(count, np.array(pairs, np.int64).reshape(-1, 2))
+    return by_size(components(count, np.array(pairs, np.int64).reshape(-1, 2)), of_part)
+
+
+def by_size(label: Ints, of_part: Ints) -> Ints:
+    """(r,) pieces of recordings numbered by how many keyframes they have; label (r,) any numbers, of_part (K,)."""
+    label = np.unique(label, return_inverse=True)[1]
     size = np.bincount(label[of_part], minlength=label.max(initial=-1) + 1)
     first = np.array([np.flatnonzero(label == k)[0] for k in range(len(size))])
     rank = np.empty(len(size), np.int64)
@@ -68,7 +73,10 @@ def whole_recordings(T_own: Floats, poses: Poses, inside: Ints, of_part: Ints) -
 
 def in_the_first_world(T_world_cam: Floats, first: MapPart) -> Floats:
     """Poses (m, 4, 4) of a piece moved so that its first recording lies where it was registered, as well as it fits."""
-    own, now = first.T_world_key, T_world_cam[: len(first)]
-    R = se3.project_so3((own[:, :3, :3] @ np.swapaxes(now[:, :3, :3], 1, 2)).sum(axis=0))
-    t = (own[:, :3, 3] - now[:, :3, 3] @ R.T).mean(axis=0)
-    return se3.pose(R, t) @ T_world_cam
+    return moved_onto(T_world_cam[: len(first)], first.T_world_key) @ T_world_cam
+
+
+def moved_onto(now: Floats, where: Floats) -> Floats:
+    """(4, 4) the motion that brings poses (m, 4, 4) as near as it can to others (m, 4, 4)."""
+    R = se3.project_so3((where[:, :3, :3] @ np.swapaxes(now[:, :3, :3], 1, 2)).sum(axis=0))
+    return se3.pose(R, (where[:, :3, 3] - now[:, :3, 3] @ R.T).mean(axis=0))

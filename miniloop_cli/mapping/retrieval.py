@@ -23,9 +23,16 @@ def small(descriptors: NDArray, feature_type: str) -> Bytes:
 
 def index(keyframes: Sequence[ScanFeatures], feature_type: str, learnt_from: int) -> Retrieval:
     """The index of keyframes; the vocabulary is learnt from the first `learnt_from` of them."""
-    descriptors = [small(features.descriptors, feature_type) for features in keyframes]
-    words = vocabulary(descriptors[:learnt_from], np.random.default_rng(0), TRAINING)
-    return Retrieval(words, described(descriptors, words))
+    descriptors = [small(features.descriptors, feature_type) for features in keyframes[:learnt_from]]
+    words = vocabulary(descriptors, np.random.default_rng(0), TRAINING)
+    return extended(Retrieval(words, np.zeros((0, words.size), np.float32)), keyframes, feature_type)
+
+
+def extended(before: Retrieval, keyframes: Sequence[ScanFeatures], feature_type: str) -> Retrieval:
+    """The index with more keyframes. Vectors are as precise as they are kept."""
+    vectors = described([small(features.descriptors, feature_type) for features in keyframes], before.words)
+    kept = vectors.astype(np.float16).astype(np.float32)
+    return Retrieval(before.words, np.concatenate([before.vectors.reshape(-1, kept.shape[1]), kept]))
 
 
 def most_similar(vectors: Floats32, query: Floats32, most: int) -> Ints:

@@ -78,6 +78,7 @@ def bundle_adjust(
     points_world: Floats | None = None,
     pose_terms: Sequence[PoseTerm] = (),
     point_terms: Sequence[PointTerm] = (),
+    held: Bools | None = None,
 ) -> BundleResult:
     """Refine poses (n, 4, 4) and the points of tracks.
 
@@ -85,6 +86,7 @@ def bundle_adjust(
     `jobs` threads change the time, not one bit of the result. `points_world` (tracks, 3): where points begin, as an
     earlier adjustment left them; NaN, or no such row, where that is to be found from the measurements.
     `pose_terms` and `point_terms` (their rows are the k observations) are minimised along with pixels and depths.
+    `held` (n,): these frames keep their poses, too, and covariances are given them; the fixed frame is one of them.
     The fixed frame keeps its pose, as do frames without observations and the first frame of a group that nothing ties
     to the fixed one, unless terms measure it: then it keeps what they leave open. A track seen once, or whose rays
     leave its depth open, does not take part; its point is NaN.
@@ -108,19 +110,21 @@ def bundle_adjust(
     tracks = TrackRows(np.searchsorted(track[order], np.arange(n_tracks + 1)), frame[order].astype(np.uint32))
     terms: list[PointTerm] = [*_measured_terms(px, z, camera, settings), *point_terms]
     terms = [term.of(order) for term in terms]
+    held = np.zeros(len(T), bool) if held is None else np.asarray(held, bool)
     fixed_frame = settings.fixed_frame
     if fixed_frame is None:
-        fixed_frame = int(np.argmax(np.bincount(tracks.frame, minlength=len(T))))
+        seen = np.bincount(tracks.frame, minlength=len(T))
+        fixed_frame = int(np.argmax(np.where(held, seen, 0) if held.any() else seen))
     if not 0 <= fixed_frame < len(T):
         raise ValueError(f"no frame {fixed_frame} to hold fixed among {len(T)}")
 
-    problem = Bundle(tracks, terms, pose_terms, R, t, X, origin, jobs, settings.least_curvature)
+    problem = Bundle(tracks, terms, pose_terms, R, t, X, origin, jobs, settings.least_curvature, held)
     descent = minimise(problem, settings.max_iterations, settings.relative_tolerance)
-    anchor = anchor_of(len(T), problem.pairs, fixed_frame)
+    anchor = anchor_of(len(T), problem.pairs, fixed_frame, held)
     covariance = None
     if settings.covariance:
         covariance = problem.covariance(anchor, image_part(px[order], camera))
-        covariance = with_untied(covariance, anchor, fixed_frame)
+        covariance = with_untied(covariance, anchor, fixed_frame, held)
 
     refined = problem.T_world_cam
     motion = restoring_motion(T, refined, anchor, pose_terms)

@@ -45,7 +45,7 @@ class Bundle:
     """Poses and points under point terms and pose terms, and the last proposal.
 
     R (n, 3, 3), t (n, 3) poses and X (p, 3) points, both relative to `origin` (3,); the rows of the point terms are
-    those of `tracks`.
+    those of `tracks`. `held` (n,): poses that stay.
     """
 
     def __init__(
@@ -59,13 +59,14 @@ class Bundle:
         origin: Floats,
         jobs: int,
         least_curvature: float,
+        held: Bools | None = None,
     ) -> None:
         self.tracks, self.point_terms, self.pose_terms = tracks, point_terms, pose_terms
         self.origin, self.jobs, self._least_curvature = origin, jobs, least_curvature
         n = len(R)
         pairs = np.concatenate([tracks.pairs(n), term_pairs(pose_terms)])
         self._loose = np.bincount(pairs.ravel(), minlength=n) == 0
-        self.system = BlockSystem(self._loose & ~touched(pose_terms, n), pairs)
+        self.system = BlockSystem((self._loose & ~touched(pose_terms, n)) | (False if held is None else held), pairs)
         self.pairs = np.stack([self.system.rows, self.system.cols], axis=1)[n:]
         self._index = self.system.index()
         # Tracks are cut where the work (the square of the length) is even.

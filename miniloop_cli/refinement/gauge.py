@@ -16,15 +16,21 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.terms import Gauge, PoseTerm
 from miniloop_cli.scene.view_graph import components
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.typing import Bools, Floats, Ints
 
 
-def anchor_of(count: int, pairs: Ints, fixed_frame: int) -> Ints:
-    """(count,) the frame that keeps its pose in each frame's group: `fixed_frame` in its own, elsewhere the first."""
+def anchor_of(count: int, pairs: Ints, fixed_frame: int, held: Bools | None = None) -> Ints:
+    """(count,) the frame that keeps its pose in each frame's group: `fixed_frame` in its own, elsewhere the first.
+
+    Frames that are `held` (count,) keep their own; one of them is the anchor of the others in their group.
+    """
     labels = components(count, pairs)
     _, first = np.unique(labels, return_index=True)
+    held = np.zeros(count, bool) if held is None else held
+    kept = np.flatnonzero(held)
+    first[labels[kept]] = kept
     first[labels[fixed_frame]] = fixed_frame
-    return first[labels]
+    return np.where(held, np.arange(count), first[labels])
 
 
 def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Sequence[PoseTerm] = ()) -> Floats:
@@ -49,9 +55,9 @@ def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Se
     return motion
 
 
-def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int) -> Floats:
-    """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one."""
-    untied = anchor != fixed_frame
+def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int, held: Bools | None = None) -> Floats:
+    """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one, or to one `held` (n,)."""
+    untied = (anchor != fixed_frame) & ~(held[anchor] if held is not None else False)
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
 
 

@@ -152,24 +152,24 @@ def _bundle(
     terms: list[MotionTerm] = []
     if between:
         weak = weakly_measured(between, known, tracked)
-        loose = untied(tracked, known, motions(between, known, weak))
+        loose = untied(tracked.track, tracked.frame, known, motions(between, known, weak))
         terms = motions(between, known, np.union1d(weak, loose))
-    if len(untied(tracked, known, terms)):
+    if len(untied(tracked.track, tracked.frame, known, terms)):
         more = sorted(set(used) - set(pairs))
         tracked = measured(pairs + more, matches + _guided(T[keyframes], more, scans, settings, workers), 2)
-    if len(loose := untied(tracked, known, terms)):
+    if len(loose := untied(tracked.track, tracked.frame, known, terms)):
         # Few points tie these to the others: the edges that averaging went by do.
         ends = keyframes[inside.pairs]
         across = np.isin(ends, loose).any(axis=1)
         edges = inside.subset(across)
         terms.append(MotionTerm.of(ends[across], edges.T_j_i, edges.information))
-        if len(untied(tracked, known, terms)):
+        if len(untied(tracked.track, tracked.frame, known, terms)):
             return None
     fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)
     moving, timing = MovingCamera(scans.camera, stamps_s, known, accelerometer, tuple(terms)), NO_TIMING
     if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
-    calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs) if calibrated else None
+    calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs, scans.two) if calibrated else None
     if calibration and calibration.changed:
         tracked, moving = recalibrated(tracked, calibration), replace(moving, camera=calibration.camera)
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
@@ -195,15 +195,12 @@ def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:
     return found.seen_at(good[rows])
 
 
-def untied(measured: Measurements, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:
+def untied(track: Ints, frame: Ints, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:
     """Of the `known` scans (n,), those that no chain of shared tracks or terms joins to most of the others.
 
-    A link of the chain is MIN_SHARED tracks that two scans share, or a term.
+    track, frame (k,): which scan sees which. A link of the chain is MIN_SHARED tracks that two scans share, or a term.
     """
-    ones = np.ones(len(measured.track))
-    seen = coo_array(
-        (ones, (measured.track, measured.frame)), shape=(int(measured.track.max(initial=-1)) + 1, len(known))
-    )
+    seen = coo_array((np.ones(len(track)), (track, frame)), shape=(int(track.max(initial=-1)) + 1, len(known)))
     shared = ((seen.T @ seen) >= MIN_SHARED).tocoo()
     different = shared.row < shared.col
     pairs = np.concatenate([np.stack([shared.row, shared.col], axis=1)[different], term_pairs(terms)])

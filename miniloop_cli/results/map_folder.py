@@ -44,10 +44,21 @@ def has_map(result: Path) -> bool:
     return (result / FOLDER / MANIFEST).is_file()
 
 
-def write_map(result: Path, scene_map: SceneMap) -> None:
-    """Make the map of a results folder this one. Interrupted before its end, it leaves the map as it was."""
+def write_map(result: Path, scene_map: SceneMap, before: SceneMap | None = None) -> None:
+    """Make the map of a results folder this one. Interrupted before its end, it leaves the map as it was.
+
+    `before`: what `read_map` gave for this folder; files of recordings that are the same object in both stay.
+    """
     folder = result / FOLDER
-    recordings = [part_header(part) | _write(folder, part_arrays(part)) for part in scene_map.parts]
+    there = {id(part) for part in before.parts} if before else set()
+    files = {str(entry["name"]): entry for entry in read_manifest(result)["recordings"]} if before else {}
+
+    def kept(part: MapPart) -> dict[str, Any]:
+        if id(part) in there:
+            return {name: files[part.name][name] for name in ("file", "sha256", "bytes")}
+        return _write(folder, part_arrays(part))
+
+    recordings = [part_header(part) | kept(part) for part in scene_map.parts]
     joined = _write(folder, joined_arrays(scene_map.joined))
     content = {
         "format": FORMAT,

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import shutil
 
 import numpy as np
@@ -16,6 +17,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.report.viewer.map_scene import load_map
 from miniloop_cli.report.viewer.matches import unpack_matches
 from miniloop_cli.report.viewer.shown import show_map
+from miniloop_cli.results.map_files import up_to_date
 from miniloop_cli.results.map_folder import manifest_hash, read_map
 from miniloop_cli.results.map_verdict import map_verdict
 from miniloop_cli.runtime.folder_lock import exclusive
@@ -204,6 +206,25 @@ def test_an_addition_that_ends_half_way_leaves_the_map_as_it_was(copy, recording
     assert len(poses(copy / "third").timestamps_s) == 6
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs signals that end a process")
+def test_additions_that_are_killed_lose_nothing(copy, recordings, shared, monkeypatch):
+    """By both signals, early and while the new map is written; `python -m benchmarks kills` does it a hundred times."""
+    from benchmarks.map_kills import SIGNALS, added, killed_once
+
+    monkeypatch.setenv("MINILOOP_CACHE", str(shared / "cache"))
+    whole = shutil.copytree(copy, copy.parent / "whole")
+    assert launch("add", whole, recordings["third"], "-j", 1, "-q").returncode == 0
+    after = manifest_hash(whole)
+    for k, (near_end, wait_s) in enumerate(((False, 1.0), (True, 0.0), (True, 0.05), (True, 0.2))):
+        folder = shutil.copytree(copy, copy.parent / f"killed{k}" / copy.name)
+        left = killed_once(folder, recordings["third"], after, SIGNALS[k % 2], wait_s, near_end)
+        said = added(folder, recordings["third"])
+        assert ("is in the map already" in said) == left.changed
+        assert manifest_hash(folder) == after
+        assert up_to_date(folder)
+        assert len(poses(folder / "third").timestamps_s) == 6
+
+
 def test_two_processes_do_not_change_one_map(copy, recordings):
     with exclusive(copy):
         done = launch("add", copy, recordings["third"])
@@ -285,18 +306,6 @@ def test_several_recordings_need_a_folder_and_know_what_is_for_one(recordings, t
     assert not (tmp_path / "x").exists()
 
 
-def test_recordings_of_a_room_that_looks_alike_when_half_turned_are_no_sure_thing(shared):
-    """The second goes on where the first ends, and most of what it shows looks like what the first shows."""
-    room = SimulationSettings(frames=36, width=240, height=180, alike="half-turn")
-    whole = write_sequence(shared / "half-turn", room, seed=0)
-    rows = {"begin": range(14), "end": range(12, 28)}
-    folders = [part_of_recording(whole, shared / name, list(of)) for name, of in rows.items()]
-    done = launch("register", *folders, "-o", shared / "alike", "-j", 1, "--strict")
-    assert done.returncode == 1 and "the result is doubtful" in done.stderr
-    reasons = json.loads((shared / "alike" / "summary.json").read_text())["verdict"]["reasons"]
-    assert any(reason.startswith("joined to the others, begin is bent between frames ") for reason in reasons)
-
-
 def test_all_recordings_stand_in_one_view(office):
     folder = office[0]
     content = read_map(folder)
@@ -330,3 +339,15 @@ def test_all_recordings_stand_in_one_view(office):
     assert shown.answer("frame/12.jpg") is None
     page = (folder / "report.html").read_text()
     assert 'id="v-scene"' in page and "default-src 'none'; img-src data:" in page
+
+
+def test_recordings_of_a_room_that_looks_alike_when_half_turned_are_no_sure_thing(shared):
+    """The second goes on where the first ends, and most of what it shows looks like what the first shows."""
+    room = SimulationSettings(frames=36, width=240, height=180, alike="half-turn")
+    whole = write_sequence(shared / "half-turn", room, seed=0)
+    rows = {"begin": range(14), "end": range(12, 28)}
+    folders = [part_of_recording(whole, shared / name, list(of)) for name, of in rows.items()]
+    done = launch("register", *folders, "-o", shared / "alike", "-j", 1, "--strict")
+    assert done.returncode == 1 and "the result is doubtful" in done.stderr
+    reasons = json.loads((shared / "alike" / "summary.json").read_text())["verdict"]["reasons"]
+    assert any(reason.startswith("joined to the others, begin is bent between frames ") for reason in reasons)

@@ -115,10 +115,10 @@ def pieces():
 def test_a_frame_without_tracks_is_untied_until_a_motion_joins_it():
     measured, between = pieces()
     known = np.ones(4, bool)
-    assert untied(measured, known).tolist() == [3]
+    assert untied(measured.track, measured.frame, known).tolist() == [3]
     assert weakly_measured(between, known, measured).tolist() == [3]
-    assert untied(measured, known, motions(between, known, np.array([3]))).tolist() == []
-    assert untied(measured, np.array([True, True, True, False])).tolist() == []
+    assert untied(measured.track, measured.frame, known, motions(between, known, np.array([3]))).tolist() == []
+    assert untied(measured.track, measured.frame, np.array([True, True, True, False])).tolist() == []
 
 
 def test_a_motion_counts_only_between_frames_that_have_poses():

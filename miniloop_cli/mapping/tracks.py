@@ -1,0 +1,61 @@
+"""Tracks through the keyframes of a map: those of its points, and matches that lead from them to new keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from miniloop_cli.config import Bundle
+from miniloop_cli.features.guided import guided_matches
+from miniloop_cli.geometry import se3
+from miniloop_cli.graph.visibility import partners
+from miniloop_cli.refinement.tracks import Tracks, build_tracks
+from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.scan_set import ScanSet
+from miniloop_cli.scene.scene_map import MapPoints
+from miniloop_cli.typing import Floats, Ints, Pair
+
+KNOWN = 1e9  # strength of a match that a point of the map was made from: what is new contradicts none of these
+
+
+def matched_again(
+    T_world_cam: Floats, pairs: Sequence[Pair], scans: ScanSet, settings: Bundle, workers: Workers
+) -> list[Ints]:
+    """Matches of each pair of keyframes where their poses (K, 4, 4) say that they must be."""
+    i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+    T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
+    return guided_matches(pairs, T_j_i, scans.features, scans.feature_type, scans.camera, settings, workers)
+
+
+def near_pairs(T_world_cam: Floats, inside: Ints, scans: ScanSet, settings: Bundle) -> list[Pair]:
+    """Pairs of the keyframes `inside` that see most of the same by their poses (K, 4, 4)."""
+    return partners(T_world_cam, inside, scans.points, scans.camera, settings.partners)
+
+
+def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, list[Ints]]:
+    """Pairs (m, 2) of keyframes and the matches of each, (k, 2), that chain what each point was seen by.
+
+    first_feature (K + 1,): where the features of each keyframe begin among all.
+    """
+    feature = np.flatnonzero(points.of_feature >= 0)
+    feature = feature[np.argsort(points.of_feature[feature], kind="stable")]  # by point, then by keyframe
+    frame = np.searchsorted(first_feature, feature, side="right") - 1
+    number = points.of_feature[feature]
+    step = np.flatnonzero(number[1:] == number[:-1])
+    pairs = np.stack([frame[step], frame[step + 1]], axis=1)
+    matches = np.stack([feature[step], feature[step + 1]], axis=1) - first_feature[pairs]
+    order = np.lexsort(pairs.T[::-1])
+    pairs, matches = pairs[order], matches[order]
+    begins = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)]) if len(pairs) else np.zeros(0, int)
+    return pairs[begins], np.split(matches, begins[1:]) if len(pairs) else []
+
+
+def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches: Sequence[Ints]) -> Tracks:
+    """Tracks through all keyframes: those of the points, which `matches` (k, 2) of new pairs (m, 2) lengthen and join.
+
+    first_feature (K + 1,): of all keyframes, the new ones after those of the map.
+    """
+    known, chains = matches_of_points(points, first_feature)
+    strength = [KNOWN] * len(known) + [float(len(rows)) for rows in matches]
+    return build_tracks(first_feature, np.concatenate([known, pairs.reshape(-1, 2)]), [*chains, *matches], strength)
