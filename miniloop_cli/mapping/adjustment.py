@@ -54,7 +54,7 @@ class Observations:
         return Observations(tracks.frame[kept], tracks.track[kept], px, z_m)
 
     def subset(self, rows: Bools) -> Observations:
-        """These."""
+        """The observations that rows (n,) mark."""
         return Observations(self.frame[rows], self.track[rows], self.px_ideal[rows], self.z_m[rows])
 
     def of_tracks_seen_by(self, keyframes: Bools) -> Observations:
@@ -66,7 +66,7 @@ class Observations:
     def adjusted(
         self, T: Floats, scans: ScanSet, settings: BundleSettings, jobs: int, held: Bools, points: Floats | None
     ) -> BundleResult:
-        """The poses and points that fit best."""
+        """The poses, from T (n, 4, 4), and points (p, 3) that fit best; held (n,) marks poses that stay."""
         return bundle_adjust(
             T, self.frame, self.track, self.px_ideal, self.z_m, scans.camera, settings, jobs, points, held=held
         )
