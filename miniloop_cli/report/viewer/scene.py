@@ -167,7 +167,7 @@ def edge_values(data: ReportData, posed: Bools) -> Values:
 
 
 def chosen(edges: Edges) -> Ints:
-    """(k,) rows of the edges that are shown: verified, then weak, then rejected, each with the largest residuals first."""
+    """(k,) rows of the edges that are shown: verified, weak, then rejected, each with the largest residuals first."""
     order = edges.by_residual
     rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     return order[np.argsort(rank, kind="stable")][:MOST_EDGES]
