@@ -42,7 +42,7 @@ def view(
     port: int,
     quiet: bool,
 ) -> None:
-    """Walk through a result (default: the newest), a PLY cloud or mesh, or a GLB file, until Ctrl-C.
+    """Walk through a result or a map (default: the newest result), a PLY cloud or mesh, or a GLB file, until Ctrl-C.
 
     A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1 only, and
     its address holds a token: nobody else on the network, and no other page, can read it.
