@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -48,7 +47,7 @@ def show_added(paths: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
 
 
 def differences(a: Path, b: Path, names: list[str]) -> list[tuple[str, Any, Any]]:
-    """Of each recording centimetres and degrees (n,) between two maps, one of which is laid onto the other as a whole."""
+    """Of each recording centimetres and degrees (n,) between two maps, one laid onto the other as a whole."""
     found = [[read_trajectory(side / name / "trajectory.txt").T_world_cam for name in names] for side in (a, b)]
     onto = moved_onto(*(np.concatenate(side) for side in found))
     rows = []

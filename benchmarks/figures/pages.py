@@ -1,7 +1,8 @@
 """Pages take figures from results.json where they are marked.
 
-`<!--=KEY-->0.35<!--/-->` is a value, `<!--table=KEY-->` to `<!--/table-->` a table, and `<!--run=NAME.machine-->` to
-`<!--/-->` what is known of a run. Neither GitHub nor the site shows the marks.
+`<!--=KEY-->0.35<!--/-->` is a value, `<!--table=KEY-->` to `<!--/table-->` a table, `<!--output=KEY-->` to
+`<!--/output-->` what a program printed, and `<!--run=NAME.machine-->` to `<!--/-->` what is known of a run. Neither
+GitHub nor the site shows the marks.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ LISTING = ROOT / "docs" / "figures.md"
 VALUE = re.compile(r"(<!--=([\w.-]+)-->).*?(<!--/-->)", re.DOTALL)
 RUN = re.compile(r"(<!--run=([\w-]+)\.(\w+)-->).*?(<!--/-->)", re.DOTALL)
 TABLE = re.compile(r"(<!--table=([\w.-]+)-->).*?(<!--/table-->)", re.DOTALL)
+OUTPUT = re.compile(r"(<!--output=([\w.-]+)-->).*?(<!--/output-->)", re.DOTALL)
 ABOUT = """# Every figure, and where it comes from
 
 <!-- Made by `python -m benchmarks figures`; do not edit. -->
@@ -37,6 +39,7 @@ def filled(text: str, figures: Figures) -> str:
     """The text with all marked figures as they are in results.json. Raises FigureError for an unknown key."""
     text = VALUE.sub(lambda match: match[1] + figures.value(match[2]) + match[3], text)
     text = RUN.sub(lambda match: match[1] + str(figures.runs[match[2]][match[3]]) + match[4], text)
+    text = OUTPUT.sub(lambda match: f"{match[1]}\n\n{figures.output(match[2])}\n\n{match[3]}", text)
     return TABLE.sub(lambda match: f"{match[1]}\n\n{figures.table(match[2])}\n\n{match[3]}", text)
 
 
@@ -55,6 +58,11 @@ def listing(figures: Figures, used: dict[str, list[str]]) -> str:
             for key, one in sorted(figures.tables.items())
             if figures.run_of(key) == name
         ]
+        rows += [
+            f"| `{key}` | output, {len(one['lines'])} lines | {one['what']} | {', '.join(used.get(key, []))} |"
+            for key, one in sorted(figures.outputs.items())
+            if figures.run_of(key) == name
+        ]
         table = "\n".join(["| key | figure | what it is | where it stands |", "|---|---|---|---|", *rows])
         parts.append(f"## {name}\n\n{'; '.join(fact for fact in facts if fact)}.\n\n{table}\n")
     return "\n".join(parts)
@@ -70,7 +78,7 @@ def update(figures: Figures, check: bool) -> list[Path]:
             wanted[page] = filled(text, figures)
         except FigureError as error:
             raise FigureError(f"{page.relative_to(ROOT)}: {error}") from error
-        for key in dict.fromkeys(re.findall(r"<!--(?:table)?=([\w.-]+)-->", text)):
+        for key in dict.fromkeys(re.findall(r"<!--(?:table|output)?=([\w.-]+)-->", text)):
             used.setdefault(key, []).append(page.relative_to(ROOT).as_posix())
     wanted[LISTING] = listing(figures, used)
     for page, text in wanted.items():

@@ -1,4 +1,4 @@
-"""benchmarks/results.json: runs (what was measured, how, when), tables (their rows), values (single figures)."""
+"""benchmarks/results.json: runs (what was measured, how, when), their tables, single values, and printed output."""
 
 from __future__ import annotations
 
@@ -27,11 +27,13 @@ class Figures:
     runs: name -> command, date, commit, machine (each text or None) of one measurement.
     tables: key -> what, run, columns, rows.
     values: key -> what, unit, and either value (and digits) and run, or the table, row and column of a cell.
+    outputs: key -> what, run, lines: what a program printed.
     """
 
     runs: dict[str, Json] = field(default_factory=dict)
     tables: dict[str, Json] = field(default_factory=dict)
     values: dict[str, Json] = field(default_factory=dict)
+    outputs: dict[str, Json] = field(default_factory=dict)
 
     def table(self, key: str) -> str:
         """A Markdown table; a column of numbers stands to the right. Raises FigureError for an unknown key."""
@@ -49,9 +51,13 @@ class Figures:
             return self._cell(key, found)
         return f"{found['value']:.{found['digits']}f}" if "digits" in found else cell_text(found["value"])
 
+    def output(self, key: str) -> str:
+        """A fenced block of what a program printed. Raises FigureError for an unknown key."""
+        return "\n".join(["```text", *_entry(self.outputs, key)["lines"], "```"])
+
     def run_of(self, key: str) -> str:
-        """The name of the run that a table or value comes from."""
-        found = self.tables.get(key) or _entry(self.values, key)
+        """The name of the run that a table, value or output comes from."""
+        found = self.tables.get(key) or self.outputs.get(key) or _entry(self.values, key)
         return self.run_of(found["table"]) if "table" in found else found["run"]
 
     def _cell(self, key: str, named: Json) -> str:
@@ -66,7 +72,7 @@ class Figures:
 def load(path: Path = PATH) -> Figures:
     """What results.json holds. Raises FigureError for an entry whose run is not described."""
     figures = Figures(**json.loads(path.read_text(encoding="utf-8")))
-    for key in (*figures.tables, *figures.values):
+    for key in (*figures.tables, *figures.values, *figures.outputs):
         if figures.run_of(key) not in figures.runs:
             raise FigureError(f"{path.name}: {key} names the run {figures.run_of(key)!r}, which is not under 'runs'")
     return figures
@@ -74,7 +80,7 @@ def load(path: Path = PATH) -> Figures:
 
 def save(figures: Figures, path: Path = PATH) -> None:
     """Write results.json, a row of a table on a line of its own."""
-    content = {kind: dict(sorted(getattr(figures, kind).items())) for kind in ("runs", "tables", "values")}
+    content = {kind: dict(sorted(getattr(figures, kind).items())) for kind in ("runs", "tables", "values", "outputs")}
     text = json.dumps(content, indent=1, ensure_ascii=False)
     text = re.sub(r"\[\s*((?:[^][\"]|\"(?:[^\"\\]|\\.)*\")*?)\s*\]", _one_line, text)
     with atomic_write(path) as file:

@@ -39,7 +39,7 @@ def add(
 ) -> None:
     """Add the recording SEQ to the map of the result in MAP, as if all had been registered together.
 
-    The settings are those of the map. The map changes in one step: interrupted before, it is as it was.
+    The settings are those of the map. The map changes in one step; if interrupted before it, it stays as it was.
 
     \b
     Example:   miniloop add office kitchen

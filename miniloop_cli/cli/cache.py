@@ -29,9 +29,9 @@ class KeptFile:
 @click.group(context_settings=CONTEXT, short_help="Work kept between runs: show, prune.", invoke_without_command=True)
 @click.pass_context
 def cache(ctx: click.Context) -> None:
-    """Finished work kept between runs (features, matches, edges, refined poses, pictures): show it, or make room.
+    """Finished work kept between runs (features, matches, edges, refined poses, pictures): show or remove it.
 
-    It lies in $MINILOOP_CACHE, by default ~/.cache/miniloop, and can always be removed: the next run makes it again.
+    It is in $MINILOOP_CACHE (default ~/.cache/miniloop). If it is removed, the next run computes it again.
 
     \b
     Example:   miniloop cache

@@ -55,8 +55,8 @@ def calibrate(
 ) -> None:
     """Estimate focal length, centre, lens and depth errors from the images of SEQ, and write a camera file.
 
-    The file serves `--camera` and other recordings of the same device. Film a place full of things at different
-    distances, and move the camera sideways as well as turning it.
+    The file serves `--camera` and other recordings of the same device. Film things at different distances,
+    and move the camera sideways, not only by turning it.
 
     \b
     Example:   miniloop calibrate my_recording -o camera.yaml

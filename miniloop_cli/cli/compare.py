@@ -48,7 +48,7 @@ def compare(
     json_path: str | None,
     quiet: bool,
 ) -> None:
-    """Lay OTHER over the result in DIR: how far their poses are apart, edges only one has, settings that differ.
+    """Compare OTHER with the result in DIR: distances of poses, edges that only one has, settings that differ.
 
     OTHER is a results folder, a trajectory (of ORB-SLAM, RTAB-Map and others: TUM, KITTI, EuRoC ...), the folder of a
     COLMAP model, or nerfstudio's transforms.json.

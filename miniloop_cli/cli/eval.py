@@ -56,7 +56,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     default=0.02,
     show_default=True,
     metavar="SECONDS",
-    help="A ground-truth sample within this time always suffices.",
+    help="Largest time between a frame and a single ground-truth sample.",
 )
 @click.option(
     "--max-gap",
@@ -64,7 +64,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     default=0.1,
     show_default=True,
     metavar="SECONDS",
-    help="interpolate: samples at most this far apart suffice, too.",
+    help="interpolate: the two samples around a frame may be this far apart.",
 )
 @click.option("--scale", is_flag=True, help="Align with a free scale (Sim3) instead of a rigid motion.")
 @options.follow_links

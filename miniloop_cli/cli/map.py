@@ -13,9 +13,9 @@ from miniloop_cli.cli.main import CONTEXT
 MAP = click.Path(file_okay=False, path_type=Path)
 
 
-@click.group(context_settings=CONTEXT, short_help="What a result keeps to go on with; take recordings out.")
+@click.group(context_settings=CONTEXT, short_help="The map of a result: show it, remove a recording.")
 def map_group() -> None:
-    """The map of a result: what `miniloop locate` and `miniloop add` go on with.
+    """The map of a result, which `miniloop locate` and `miniloop add` use.
 
     \b
     Example:   miniloop map info results/desk
@@ -26,7 +26,7 @@ def map_group() -> None:
 @click.argument("folder", metavar="DIR", type=MAP)
 @options.json_file
 def info(folder: Path, json_path: str | None) -> None:
-    """Say what the map of the result in DIR holds, and check every file of it.
+    """List what the map of the result in DIR holds, and check each of its files.
 
     \b
     Example:   miniloop map info results/desk

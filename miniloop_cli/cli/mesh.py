@@ -28,8 +28,8 @@ from miniloop_cli.cli.main import CONTEXT
 @click.option("--min-piece", type=click.FloatRange(0), default=0.2, show_default=True, metavar="METRES",
               help="Separate pieces smaller than this are left out.")  # fmt: skip
 @click.option("--keep-unseen", is_flag=True,
-              help="With a texture, keep also what lies behind other surfaces in all images used.")  # fmt: skip
-@click.option("--watertight", is_flag=True, help="Close all holes; what was not seen is made up.")
+              help="With a texture, also keep surfaces that are hidden in all images used.")  # fmt: skip
+@click.option("--watertight", is_flag=True, help="Close all holes, with surface that no scan has seen.")
 @click.option("--voxel", type=click.FloatRange(0.001, 1), default=0.01, show_default=True, metavar="METRES",
               help="Voxel size; detail below it is lost.")  # fmt: skip
 @click.option("--max-depth", type=click.FloatRange(0.1), default=4.0, show_default=True, metavar="METRES",

@@ -45,7 +45,9 @@ def _check_jobs(ctx: click.Context, param: click.Parameter, jobs: int) -> int:
     return jobs
 
 
-def camera(meaning: str = "Camera file (YAML, or of another tool) instead of the camera found.") -> Callable:
+def camera(
+    meaning: str = "Camera file (YAML, or of another program); replaces the camera of the recording.",
+) -> Callable:
     """The option that names a camera file; `meaning` is its help."""
     return click.option("--camera", type=click.Path(path_type=Path), metavar="FILE", help=meaning)
 
@@ -70,7 +72,7 @@ verbose = click.option(
     is_flag=True,
     expose_value=False,
     callback=_show_notes,
-    help="Print to stderr what is done and assumed.",
+    help="Print each step and each assumption to stderr.",
 )
 overrides = click.option(
     "--set",

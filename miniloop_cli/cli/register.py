@@ -38,7 +38,7 @@ LOG = logging.getLogger("miniloop")
 @click.option(
     "--calibrate",
     type=click.Choice(["off", "auto", "on"]),
-    help="Ask the recording for its camera; auto (the default): where the camera is a guess.",
+    help="Estimate the camera from the recording; auto (the default): if the camera is a guess.",
 )
 @click.option(
     "--gravity",

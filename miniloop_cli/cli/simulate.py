@@ -24,10 +24,10 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option("--path", type=click.Choice(PATHS), default="loop", show_default=True, help="How the camera moves.")
 @click.option("--rooms", type=int, default=1, show_default=True, help="Rooms joined by doors, walked through and back.")
 @click.option(
-    "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="A stretch in which this happens; may be repeated."
+    "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="Add a stretch with this fault; may be repeated."
 )
 @click.option(
-    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="What looks the same twice."
+    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="Places that look the same twice."
 )
 @click.option("--cuts", type=int, default=0, show_default=True, help="Jumps of the path that the stamps do not show.")
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
@@ -43,6 +43,11 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Frames a second.")
 @click.option("--path-share", type=float, default=1.0, show_default=True, help="Share of the path that is walked.")
 @click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
+@click.option(
+    "--depth-baseline", type=float, default=0.0, show_default=True, help="A depth camera so far to the left (m)."
+)
+@click.option("--depth-turn", type=float, default=0.0, show_default=True, help="It is turned against colour (degrees).")
+@click.option("--depth-focal", type=float, metavar="PX", help="Its focal length [default: that of colour].")
 @click.option("--accelerometer", is_flag=True, help="Also write accelerometer.txt (m/s^2, camera axes, noisy).")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
 @options.seed
@@ -69,6 +74,9 @@ def simulate(
     rate: float,
     path_share: float,
     focal: float | None,
+    depth_baseline: float,
+    depth_turn: float,
+    depth_focal: float | None,
     accelerometer: bool,
     overwrite: bool,
     seed: int,
@@ -77,7 +85,8 @@ def simulate(
     """Write a synthetic RGB-D recording with exact ground truth to DIR, in TUM's layout.
 
     A furnished, textured room seen by a Kinect-like camera. The same options and seed give the same bytes.
-    Any number of frames covers the whole path. --hard spoils stretches of the recording, in the order given; DIR gets
+    The frames are spread over the whole path. With --depth-baseline, --depth-turn or --depth-focal depth is of a camera
+    of its own, which camera.yaml describes. --hard spoils stretches of the recording, in the order given; DIR gets
     a stretches.csv that says which frames they are.
 
     \b
@@ -111,6 +120,9 @@ def simulate(
         rate_hz=rate,
         path_share=path_share,
         focal_px=focal,
+        depth_baseline_m=depth_baseline,
+        depth_turn_deg=depth_turn,
+        depth_focal_px=depth_focal,
         accelerometer=accelerometer,
     )
     if not quiet:

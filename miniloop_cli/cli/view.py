@@ -28,7 +28,7 @@ MODELS = (".ply", ".glb")
     type=click.Choice(["x", "-x", "y", "-y", "z", "-z"]),
     help="Which axis of a PLY or GLB file points up [default: z, in GLB y].",
 )
-@click.option("--no-open", is_flag=True, help="Print the address, and leave opening it to you.")
+@click.option("--no-open", is_flag=True, help="Print the address without opening it.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port [default: any that is free].")
 @options.quiet
 def view(
@@ -42,10 +42,10 @@ def view(
     port: int,
     quiet: bool,
 ) -> None:
-    """Walk through a result or a map (default: the newest result), a PLY cloud or mesh, or a GLB file, until Ctrl-C.
+    """Show a result (default: the newest), a map, a PLY cloud or mesh, or a GLB file in the browser, until Ctrl-C.
 
-    A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1 only, and
-    its address holds a token: nobody else on the network, and no other page, can read it.
+    A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1
+    only, and its address contains a token. Other computers and other pages cannot read it.
 
     \b
     Example:   miniloop view results/desk

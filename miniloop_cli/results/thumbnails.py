@@ -14,7 +14,7 @@ from miniloop_cli.typing import Bytes
 
 
 def write_thumbnails(path: Path, files: Mapping[int, Bytes]) -> None:
-    """JPEG files by frame number, the bytes (k,) of each one after the other."""
+    """Write JPEG files (n,) by frame number, one after the other."""
     frames = sorted(files)
     offsets = np.cumsum([0, *(len(files[k]) for k in frames)])
     jpeg = np.concatenate([np.zeros(0, np.uint8), *(files[k] for k in frames)])
@@ -23,7 +23,7 @@ def write_thumbnails(path: Path, files: Mapping[int, Bytes]) -> None:
 
 
 def read_thumbnails(path: Path) -> dict[int, Bytes]:
-    """By frame the bytes (k,) of its JPEG file; {} without the file. Raises InputError for anything else."""
+    """The JPEG files (n,) that `write_thumbnails` wrote; {} without the file. Raises InputError for anything else."""
     if not path.is_file():
         return {}
     try:

@@ -17,7 +17,8 @@ from miniloop_cli.scene.poses import Poses, residuals, usable_edges
 from miniloop_cli.scene.scene_map import MapPart, SceneMap
 from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.scene.view_graph import components
-from miniloop_cli.stages.join import common_scans, join
+from miniloop_cli.stages.join import join
+from miniloop_cli.stages.keyframes import common_scans
 from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Ints, Pair
 from miniloop_cli.verification.joints import bends, bodies_elsewhere, votes_of_joints

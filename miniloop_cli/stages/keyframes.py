@@ -25,7 +25,7 @@ from miniloop_cli.verification.repetition import pattern_steps_m
 def common_scans(parts: Sequence[MapPart], chosen: Ints | None = None) -> ScanSet:
     """All keyframes as one set of scans, seen by the pinhole of the first recording's camera.
 
-    `chosen`: ascending numbers of some of them, counted through the recordings.
+    `chosen`: ascending numbers (k,) of some of them, counted through the recordings.
     """
     common, first = pinhole(parts[0].camera), np.cumsum([0, *(len(part) for part in parts)])
     rows = np.arange(first[-1]) if chosen is None else chosen
@@ -48,7 +48,7 @@ def common_scans(parts: Sequence[MapPart], chosen: Ints | None = None) -> ScanSe
 
 
 def part_key(part: MapPart, rows: Ints) -> str:
-    """A name for what these keyframes of a recording show."""
+    """A name for what the keyframes rows (k,) of a recording show."""
     features = [part.features[k] for k in rows.tolist()]
     own = [array for f in features for array in (f.px_ideal, f.z_m, f.descriptors)]
     return fingerprint(part.feature_type, replace(part.camera, source=""), content_fingerprint(own))
@@ -57,7 +57,7 @@ def part_key(part: MapPart, rows: Ints) -> str:
 def photometric_check(
     parts: Sequence[MapPart], scans: ScanSet, settings: Settings, run: Run, chosen: Ints | None = None
 ) -> PhotometricCheck:
-    """What the keyframes (`chosen` as in `common_scans`) show beside their matches.
+    """What the keyframes (`chosen` (k,) as in `common_scans`) show beside their matches.
 
     How each repeats itself is kept by recording.
     """

@@ -34,7 +34,7 @@ def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Pri
     if settings.edge_share == 0:
         return found
     least = max(min_matches_for(found, settings.edge_share, len(scans)), settings.min_matches)
-    LOG.info("T = %d matches: %.3g of all pairs were to become edges", least, settings.edge_share)
+    LOG.info("T = %d matches, so that %.3g of all pairs become edges", least, settings.edge_share)
     return {pair: rows for pair, rows in found.items() if len(rows) >= least}
 
 

@@ -41,7 +41,7 @@ def write_long_result(folder, frames=10_000, points=2_000_000, seed=0):
     verdict = rng.choice(["verified", "verified", "verified", "weak", "rejected"], len(pairs))
     edges = (
         (i, j, f"{stamps[i]:.6f}", f"{stamps[j]:.6f}", count + 20, count, f"cycle{3 + (i + j) % 3}", e, v,
-         "few_inliers" if v == "rejected" else "", f"{count} inliers" if v == "rejected" else "",
+         *(("few_inliers", f"{count} inliers of {count + 20} matches") if v == "rejected" else ("", "")),
          f"{0.1 + 0.001 * (e % 900):.4f}", f"{0.002 + 1e-5 * (e % 900):.5f}", "0.1", "0.005", 5, *("0",) * 6, "1")
         for e, ((i, j), count, v) in enumerate(zip(pairs.tolist(), counts.tolist(), verdict.tolist(), strict=True))
     )  # fmt: skip

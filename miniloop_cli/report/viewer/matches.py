@@ -46,6 +46,6 @@ def pack_matches(px: NDArray[np.uint16], agrees: Bools) -> bytes:
 
 
 def unpack_matches(packed: bytes) -> tuple[NDArray[np.uint16], Bools]:
-    """(k, 4) pixels and (k,) whether they agree, as `pack_matches` was given them: the inverse, as the page does it."""
+    """Pixels (k, 4) and marks (k,) from the bytes of `pack_matches`."""
     planes = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(9, -1)
     return (planes[:4] + 256 * planes[4:8].astype(np.uint16)).T.astype(np.uint16), planes[8].astype(bool)

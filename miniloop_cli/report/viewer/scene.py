@@ -137,7 +137,7 @@ def truth_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def edge_values(data: ReportData, posed: Bools) -> Values:
-    """Columns, one entry an edge; `posed` (n,): frames that are placed. Texts that repeat are numbered.
+    """Columns with an entry for each edge shown; posed (n,) marks the frames that are placed. Texts are numbered.
 
     `drawn`: how many of the matches in `packed` are of each edge.
     """
@@ -167,14 +167,14 @@ def edge_values(data: ReportData, posed: Bools) -> Values:
 
 
 def chosen(edges: Edges) -> Ints:
-    """(k,) rows of the edges that are shown: verified, weak, then rejected, each with the largest residuals first."""
+    """Rows (k,) of the edges shown: verified, then weak, then rejected, each by falling residual."""
     order = edges.by_residual
     rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     return order[np.argsort(rank, kind="stable")][:MOST_EDGES]
 
 
 def rounded(values: Floats, digits: int) -> list[Any]:
-    """Numbers (n,) for JSON; None for what is not finite."""
+    """The values (n,) as numbers for JSON; None for what is not finite."""
     known = zip(np.asarray(values, float).tolist(), np.isfinite(values), strict=True)
     if digits == 0:
         return [round(value) if ok else None for value, ok in known]
