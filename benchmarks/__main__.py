@@ -86,6 +86,36 @@ def joined(sequences: tuple[Path, ...]) -> None:
     show_joined(sequences)
 
 
+@benchmarks.command(name="add", context_settings=CONTEXT, short_help="A recording added to a map: cost, difference.")
+@SEQUENCES
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="A setting; may be repeated.")
+def added(sequences: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
+    """The last SEQ added to the map of the others: seconds, bytes, and the difference to registering all together.
+
+    \b
+    Example:   python -m benchmarks add path/to/monday path/to/tuesday path/to/wednesday
+    """
+    from benchmarks.map_growth import show_added
+
+    show_added(sequences, overrides)
+
+
+@benchmarks.command(context_settings=CONTEXT, short_help="`miniloop add` killed at random moments.")
+@click.argument("result", type=FOLDER)
+@click.argument("sequence", type=FOLDER)
+@click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="How often it is killed.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the moments.")
+def kills(result: Path, sequence: Path, count: int, seed: int) -> None:
+    """SEQUENCE added to copies of the map of RESULT, killed at random moments, then once more; hashes are checked.
+
+    \b
+    Example:   python -m benchmarks kills results/office path/to/kitchen --count 20
+    """
+    from benchmarks.map_kills import show_kills
+
+    show_kills(result, sequence, count, seed)
+
+
 @benchmarks.command(name="color-icp", context_settings=CONTEXT, short_help="Poses before and after colour ICP.")
 @click.argument("result", type=FOLDER)
 @click.argument("sequence", type=FOLDER)

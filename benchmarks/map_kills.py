@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -16,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from miniloop_cli import maps
+from miniloop_cli.cli.main import main
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.results.map_files import up_to_date
 from miniloop_cli.results.map_folder import FOLDER, manifest_hash, read_map
@@ -35,9 +36,33 @@ class Ended:
     reads: int  # of the map by another process meanwhile
 
 
-def adding(folder: Path, sequence: Path) -> list[str]:
-    """The command line that adds a recording to the map of a folder."""
-    return [sys.executable, "-m", "miniloop_cli", "add", str(folder), str(sequence), "-q", "-j", "1"]
+def adding(folder: Path, sequence: Path, log: Path | None = None) -> int:
+    """The number of a process that runs `miniloop add`: forked, so that all is loaded; `log` gets what it says."""
+    child = os.fork()
+    if child:
+        return child
+    status = 1
+    try:
+        out = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT)
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        main(["add", str(folder), str(sequence), "-q", "-j", "1"])
+    except SystemExit as done:
+        status = done.code if isinstance(done.code, int) else 1
+    finally:
+        os._exit(status)
+
+
+def ended(child: int) -> bool:
+    """Whether a child has ended; it is still to be waited for."""
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def added(folder: Path, sequence: Path) -> str:
+    """What an `add` says that nobody stops."""
+    log = folder.parent / "log.txt"
+    os.waitpid(adding(folder, sequence, log), 0)
+    return log.read_text() if log.is_file() else ""
 
 
 def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, wait_s: float, near_end: bool) -> Ended:
@@ -46,9 +71,9 @@ def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, 
     Meanwhile the map is read again and again. Raises MiniloopError where the map is neither what it was nor `after`.
     """
     before, names = manifest_hash(folder), set((folder / FOLDER).iterdir())
-    process = subprocess.Popen(adding(folder, sequence), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    child = adding(folder, sequence)
     begin, due, reads = time.perf_counter(), np.inf if near_end else wait_s, 0
-    while process.poll() is None and time.perf_counter() - begin < due:
+    while not ended(child) and time.perf_counter() - begin < due:
         if near_end and due == np.inf and set((folder / FOLDER).iterdir()) - names:
             due = time.perf_counter() - begin + wait_s
         if near_end and due < np.inf:
@@ -57,9 +82,9 @@ def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, 
         read_map(folder)  # raises for half a map
         reads += 1
         time.sleep(0.02)
-    how = "ended by itself" if process.poll() is not None else sent.name
-    process.send_signal(sent)
-    process.wait()
+    how = "ended by itself" if ended(child) else sent.name
+    os.kill(child, sent)
+    os.waitpid(child, 0)
     seconds, now = time.perf_counter() - begin, manifest_hash(folder)
     read_map(folder)
     if now not in (before, after):
@@ -71,29 +96,34 @@ def show_kills(folder: Path, sequence: Path, count: int, seed: int = 0) -> None:
     """So many kills of `miniloop add` to copies of the map; then two processes at once."""
     rng, said = np.random.default_rng(seed), Counter[str]()
     with _copied(folder) as copy:
+        maps.add(copy, sequence, jobs=1)
+        after = manifest_hash(copy)
+    with _copied(folder) as copy:  # now that all is compiled and kept
         begin = time.perf_counter()
-        subprocess.run(adding(copy, sequence), check=True)
-        seconds, after = time.perf_counter() - begin, manifest_hash(copy)
+        added(copy, sequence)
+        seconds = time.perf_counter() - begin
     for k in range(count):
         with _copied(folder) as copy:
             near_end = bool(k % 2)
             wait_s = float(rng.uniform(0, CLOSE_S if near_end else seconds))
-            ended = killed_once(copy, sequence, after, SIGNALS[k // 2 % 2], wait_s, near_end)
-            again = subprocess.run(adding(copy, sequence), capture_output=True, text=True, check=False)
-            refused = "is in the map already" in again.stderr
-            if refused != ended.changed or manifest_hash(copy) != after or not up_to_date(copy):
-                raise MiniloopError(f"after {ended}, adding again left {copy} unfinished: {again.stderr.strip()}")
-            state = "finished" if ended.changed else "as it was"
-            left = ", files beside it written by the next command" if ended.changed and ended.files_left else ""
-            said[f"{ended.how}: the map is {state}{left}"] += 1
-            said["reads meanwhile, all whole"] += ended.reads
+            left = killed_once(copy, sequence, after, SIGNALS[k // 2 % 2], wait_s, near_end)
+            again = added(copy, sequence)
+            if ("is in the map already" in again) != left.changed:
+                raise MiniloopError(f"after {left}, adding again said: {again}")
+            if manifest_hash(copy) != after or not up_to_date(copy):
+                raise MiniloopError(f"after {left}, adding again left {copy} unfinished: {again}")
+            state = "finished" if left.changed else "as it was"
+            files = ", files beside it written by the next command" if left.changed and left.files_left else ""
+            said[f"{left.how}: the map is {state}{files}"] += 1
+            said["reads meanwhile, all whole"] += left.reads
     print(f"add takes {seconds:.1f} s; {count} were killed, and went on when they were called again")
     for line, times in sorted(said.items()):
         print(f"{times:5d} {line}")
     with _copied(folder) as copy:
-        both = [subprocess.Popen(adding(copy, sequence), stderr=subprocess.PIPE, text=True) for _ in range(2)]
-        told = [process.communicate()[1].strip() for process in both]
-        print("two at once:", ", ".join(f"status {p.returncode} {t}" for p, t in zip(both, told, strict=True)))
+        logs = [copy.parent / f"log{k}.txt" for k in range(2)]
+        for child in [adding(copy, sequence, log) for log in logs]:
+            os.waitpid(child, 0)
+        print("two at once:", " / ".join(log.read_text().strip() or "added" for log in logs))
         if manifest_hash(copy) != after:
             raise MiniloopError(f"two processes at {copy} left a map that neither wrote")
 

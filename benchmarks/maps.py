@@ -29,6 +29,12 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Floats
 
 WRONG_M, WRONG_DEG = 0.1, 5.0
+ROWS = (  # name, whether depth is shown, and by what the focal length is wrong where it is told as a guess
+    ("with depth", True, None),
+    ("colour alone", False, None),
+    ("colour, focal length a guess, 10 % too short", False, 0.9),
+    ("colour, focal length a guess, 10 % too long", False, 1.1),
+)
 
 
 def show_located(path: Path, every: int, others: tuple[Path, ...]) -> None:
@@ -41,8 +47,8 @@ def show_located(path: Path, every: int, others: tuple[Path, ...]) -> None:
         print(f"{len(opened.content.joined.T_world_cam)} keyframes, {len(left_out)} frames left out")
         print("| | found | sure | median cm | median deg | largest cm | wrong and sure | CPU s a frame |")
         print("|---|---:|---:|---:|---:|---:|---:|---:|")
-        for name, with_depth in (("with depth", True), ("colour alone", False)):
-            print(_row(name, opened, whole, left_out, with_depth))
+        for name, with_depth, focal in ROWS:
+            print(_row(name, opened, whole, left_out, with_depth, focal))
         for other in others:
             sequence = datasets.open_sequence(other)
             found = [opened.locate(*_images(sequence, k, True)) for k in range(len(sequence.frames))]
@@ -83,12 +89,19 @@ def _map_of(sequence: Sequence, folder: Path) -> Map:
     return Map.open(folder)
 
 
-def _row(name: str, opened: Map, whole: Sequence, frames: np.ndarray, with_depth: bool) -> str:
+def _row(
+    name: str, opened: Map, whole: Sequence, frames: np.ndarray, with_depth: bool, focal: float | None = None
+) -> str:
     part = opened.content.parts[0]
     found: list[Location] = []
     begin = time.process_time()
     for k in frames.tolist():
-        found.append(opened.locate(*_images(whole, k, with_depth)))
+        color, depth_m = _images(whole, k, with_depth)
+        if focal is None:
+            found.append(opened.locate(color, depth_m))
+        else:
+            camera = replace(part.camera, fx=focal * part.camera.fx, fy=focal * part.camera.fy)
+            found.append(opened.locate_roughly(color, depth_m, camera))
     seconds = (time.process_time() - begin) / len(frames)
     truth = _between(part.stamps_s, part.T_world_cam, whole.stamps_s[frames])
     off = np.full((len(frames), 2), np.nan)

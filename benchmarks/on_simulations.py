@@ -212,4 +212,20 @@ CAMERAS = Benchmark(
     ),
 )
 
-ON_SIMULATIONS = (AVERAGING, CALIBRATION, CAMERAS, CERTAINTY, GROWTH, SCENES)
+TWO_CAMERAS = Benchmark(
+    "two-cameras",
+    "Colour and depth cameras from their own recordings.",
+    """Simulated rooms seen by a colour and a depth camera that are both guesses: how often each number is found.
+
+    A run is right where the error of a number is within three of the standard deviations that are promised.
+
+    \b
+    Example:   python -m benchmarks two-cameras --runs 20
+    """,
+    rows="benchmarks.experiments.known_two_cameras:two_camera_rows",
+    draw="benchmarks.experiments.known_cameras:draw",
+    columns=CAMERAS.columns,
+    options=CAMERAS.options,
+)
+
+ON_SIMULATIONS = (AVERAGING, CALIBRATION, CAMERAS, CERTAINTY, GROWTH, SCENES, TWO_CAMERAS)

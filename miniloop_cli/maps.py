@@ -192,10 +192,12 @@ def _joined(
 def _extended(before: SceneMap, part: MapPart, settings: Settings, store: Store, workers: Workers) -> SceneMap:
     from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.extend import extend
+    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
     with single_inner_threads():
-        return extend(before, part, settings, Run(store, workers, before.seed))
+        run = Run(store, workers, before.seed)
+        return examined(extend(before, part, settings, run), settings, run)
 
 
 def _write(

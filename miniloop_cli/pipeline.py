@@ -12,10 +12,13 @@ import numpy as np
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets.own_cameras import with_camera
+from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined
+from miniloop_cli.refinement.lookup import LookUp
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
+from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.priors import Priors
@@ -27,6 +30,7 @@ from miniloop_cli.stages.average import average, photometric_check
 from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
+from miniloop_cli.stages.look_up_depth import look_up_depth
 from miniloop_cli.stages.match import match
 from miniloop_cli.stages.refine import refine
 from miniloop_cli.stages.run import Run
@@ -46,6 +50,7 @@ from miniloop_cli.verification.priors import apply_priors
 
 LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
+FRAMES_OF_TWO = 40  # are plenty for two cameras
 
 
 @single_inner_threads()
@@ -56,7 +61,54 @@ def register(
 
     Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
-    watch, run, estimation = Stopwatch(), Run(store, workers, seed), settings.estimation
+    watch = Stopwatch()
+    if not asks_for_two_cameras(sequence, settings):
+        return _register(sequence, settings, store, workers, seed, priors, watch)
+    with watch.stage("two cameras"):
+        found = two_cameras(sequence, settings, store, workers, seed)
+    if found is None or not found.changed:
+        run = _register(sequence, settings, store, workers, seed, priors, watch)
+        return replace(run, calibration=run.calibration or found)
+    sequence = replace(with_camera(sequence, found.camera), depth_camera=found.depth_camera)
+    run = _register(sequence, settings, store, workers, seed, priors, watch)
+    return replace(run, calibration=replace(found, beforehand=True))
+
+
+def asks_for_two_cameras(sequence: Sequence, settings: Settings) -> bool:
+    """Whether the depth camera of a recording is asked for: where it has one of its own, that is a guess (auto)."""
+    if sequence.depth_camera is None or settings.refine != "bundle":
+        return False
+    guess = sequence.depth_camera.camera.trust == Trust.GUESS
+    return settings.calibrate == "on" or (settings.calibrate == "auto" and guess)
+
+
+def two_cameras(
+    sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int
+) -> Calibration | None:
+    """What some evenly spaced frames tell of colour camera and depth camera; None where they cannot be registered."""
+    some = sequence.thinned(FRAMES_OF_TWO)
+    alone = settings.tracking.model_copy(update={"enabled": False})
+    asking = settings.model_copy(update={"calibrate": "on", "tracking": alone})
+    look_up = look_up_depth(some, settings.depth, workers)
+    try:
+        return _register(some, asking, store, workers, seed, NO_PRIORS, Stopwatch(), look_up).calibration
+    except RegistrationError as error:
+        LOG.warning("the depth camera stays as it was given: %s", error)
+        return None
+
+
+def _register(
+    sequence: Sequence,
+    settings: Settings,
+    store: Store,
+    workers: Workers,
+    seed: int,
+    priors: Priors,
+    watch: Stopwatch,
+    look_up: LookUp | None = None,
+) -> Registration:
+    """The stages; `look_up`: for a depth camera of its own that is asked for."""
+    run, estimation = Run(store, workers, seed), settings.estimation
     whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
         tracked = follow(sequence, settings, run)
@@ -98,7 +150,7 @@ def register(
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
         refined = refine(
-            poses, edges, scans, settings.refine, settings.bundle, vertical, run, between, settings.calibrate
+            poses, edges, scans, settings.refine, settings.bundle, vertical, run, between, settings.calibrate, look_up
         )
     of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
     if settings.refine != "none":

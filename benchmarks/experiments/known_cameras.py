@@ -12,7 +12,7 @@ from numpy.random import Generator
 from miniloop_cli.bench import Row
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, Trust
-from miniloop_cli.geometry.camera_parameters import NAMES, OF_PIXELS, CameraParameters
+from miniloop_cli.geometry.camera_parameters import NAMES, OF_DEPTH, OF_ONE_CAMERA, OF_PIXELS, CameraParameters
 from miniloop_cli.geometry.depth_model import rho
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.camera_priors import prior_sigmas
@@ -75,6 +75,7 @@ def drawn(rng: Generator, camera: Camera, share: float = 0.5) -> CameraParameter
     """Errors of the given camera as its priors have them, times `share`; no lens that folds."""
     while True:
         theta = share * prior_sigmas(camera) * rng.standard_normal(len(NAMES))
+        theta[OF_ONE_CAMERA:] = 0.0
         found = CameraParameters(camera, theta, MIDDLE_M)
         if not found.camera.lens_fault():
             return found
@@ -95,13 +96,13 @@ def true_theta(truth: CameraParameters, middle_m: float) -> Floats:
     With unit u, depths are u times what they were; then offset and bends are, too, and what bends towards the corners
     adds to what is the same at all distances.
     """
-    offset, bend, radial, radial_bend = truth.theta[OF_PIXELS:]
+    offset, bend, radial, radial_bend = truth.theta[OF_DEPTH]
     at_middle = middle_m + float(
         offset * (1 - middle_m / truth.middle_m) + bend * middle_m * (middle_m - truth.middle_m)
     )
     u = middle_m / at_middle
     of_depth = u * np.array([offset, bend, radial + radial_bend * (middle_m - truth.middle_m), radial_bend])
-    return np.concatenate([truth.theta[:OF_PIXELS], of_depth])
+    return np.concatenate([truth.theta[:OF_PIXELS], of_depth, truth.theta[OF_ONE_CAMERA:]])
 
 
 def camera_rows(runs: int, frames: int, points: int, seed: int, workers: Workers) -> Iterator[Row]:
@@ -109,7 +110,7 @@ def camera_rows(runs: int, frames: int, points: int, seed: int, workers: Workers
     found = [
         one for run in range(runs) if (one := _run(np.random.default_rng((seed, run)), frames, points)) is not None
     ]
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(NAMES[:OF_ONE_CAMERA]):
         sigmas = np.array([each[0][k] for each in found if each[1][k] == Status.ESTIMATED])
         yield {
             "parameter": name,

@@ -43,6 +43,11 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Frames a second.")
 @click.option("--path-share", type=float, default=1.0, show_default=True, help="Share of the path that is walked.")
 @click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
+@click.option(
+    "--depth-baseline", type=float, default=0.0, show_default=True, help="A depth camera so far to the left (m)."
+)
+@click.option("--depth-turn", type=float, default=0.0, show_default=True, help="It is turned against colour (degrees).")
+@click.option("--depth-focal", type=float, metavar="PX", help="Its focal length [default: that of colour].")
 @click.option("--accelerometer", is_flag=True, help="Also write accelerometer.txt (m/s^2, camera axes, noisy).")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
 @options.seed
@@ -69,6 +74,9 @@ def simulate(
     rate: float,
     path_share: float,
     focal: float | None,
+    depth_baseline: float,
+    depth_turn: float,
+    depth_focal: float | None,
     accelerometer: bool,
     overwrite: bool,
     seed: int,
@@ -77,7 +85,8 @@ def simulate(
     """Write a synthetic RGB-D recording with exact ground truth to DIR, in TUM's layout.
 
     A furnished, textured room seen by a Kinect-like camera. The same options and seed give the same bytes.
-    The frames are spread over the whole path. --hard spoils stretches of the recording, in the order given; DIR gets
+    The frames are spread over the whole path. With --depth-baseline, --depth-turn or --depth-focal depth is of a camera
+    of its own, which camera.yaml describes. --hard spoils stretches of the recording, in the order given; DIR gets
     a stretches.csv that says which frames they are.
 
     \b
@@ -111,6 +120,9 @@ def simulate(
         rate_hz=rate,
         path_share=path_share,
         focal_px=focal,
+        depth_baseline_m=depth_baseline,
+        depth_turn_deg=depth_turn,
+        depth_focal_px=depth_focal,
         accelerometer=accelerometer,
     )
     if not quiet:

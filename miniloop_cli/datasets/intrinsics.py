@@ -10,20 +10,28 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import ConfigError
+from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.depth_model import DepthModel
 from miniloop_cli.geometry.lens import COEFFICIENTS, Lens, fisheye_lens, radial_tangential_lens
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.scene.sequence import DepthCamera
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
 DISTORTION = COEFFICIENTS["radial-tangential"]  # those of a fisheye are among them
 DEPTH = tuple(f"depth_{field.name}" for field in fields(DepthModel))
 UNCERTAINTY = "uncertainty"  # written for people and other tools: how well each number is known
-KEYS = (*REQUIRED, *DISTORTION, "lens", "trust", *DEPTH, UNCERTAINTY)
+DEPTH_CAMERA = "depth_camera"  # where depth has a camera of its own: depth_cameras.py
+KEYS = (*REQUIRED, *DISTORTION, "lens", "trust", *DEPTH, DEPTH_CAMERA, UNCERTAINTY)
+
+DEPTH_CAMERA_KEYS = (*(key for key in REQUIRED if key != "depth_scale"), *DISTORTION, "lens", "trust")
+POSE = "T_color_depth"
+MOST_APART_M = 1.0
 
 # Colour cameras of the TUM RGB-D benchmark (Sturm et al., IROS 2012): fx fy cx cy, then k1 k2 p1 p2 k3.
 FREIBURG = {
@@ -61,7 +69,7 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
     if missing := [key for key in REQUIRED if key not in values]:
         raise ConfigError(f"{where}: {', '.join(missing)} missing; a camera file needs {', '.join(REQUIRED)}")
     for key, value in values.items():
-        if key not in ("lens", "trust", UNCERTAINTY) and (
+        if key not in ("lens", "trust", DEPTH_CAMERA, UNCERTAINTY) and (
             isinstance(value, bool) or not isinstance(value, int | float) or not _moderate(value)
         ):
             raise ConfigError(f"{where}: {key} must be a finite number")
@@ -78,6 +86,7 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
         raise ConfigError(
             f"{where}: {fault}; give all its coefficients, calibrate with views that fill the image, or undistort first"
         )
+    depth_camera_of(values, camera, where)
     return camera
 
 
@@ -148,8 +157,16 @@ def _check_ranges(values: dict[str, Any], where: str) -> None:
         raise ConfigError(f"{where}: depth_scale is stored units a metre (TUM 5000, millimetres 1000){hint}")
 
 
-def save_camera(path: Path, camera: Camera, uncertainty: Mapping[str, Any] | None = None) -> None:
-    """Write the YAML that `camera_files.read_camera_file` reads; `uncertainty`: what is said of the numbers beside."""
+def save_camera(
+    path: Path,
+    camera: Camera,
+    uncertainty: Mapping[str, Any] | None = None,
+    depth_camera: DepthCamera | None = None,
+) -> None:
+    """Write the YAML that `camera_files.read_camera_file` reads; `uncertainty`: what is said of the numbers beside.
+
+    `depth_camera`: where depth is not registered to colour.
+    """
     with atomic_write(path) as file:
         for key in REQUIRED:
             file.write(f"{key}: {_yaml(getattr(camera, key))}\n")
@@ -161,8 +178,55 @@ def save_camera(path: Path, camera: Camera, uncertainty: Mapping[str, Any] | Non
         if not camera.depth_model.exact:
             for key in DEPTH:
                 file.write(f"{key}: {_yaml(getattr(camera.depth_model, key.removeprefix('depth_')))}\n")
+        if depth_camera:
+            yaml.safe_dump({DEPTH_CAMERA: as_mapping(depth_camera)}, file, sort_keys=False, width=120)
         if uncertainty:
             yaml.safe_dump({UNCERTAINTY: dict(uncertainty)}, file, sort_keys=False, width=120)
+
+
+def as_mapping(own: DepthCamera) -> dict[str, Any]:
+    """What a camera file says of a depth camera; its unit of depth is that of the file."""
+    camera = own.camera
+    values: dict[str, Any] = {key: getattr(camera, key) for key in REQUIRED if key != "depth_scale"}
+    if camera.lens.model == "fisheye" or len(camera.lens.coefficients) > 5:
+        values["lens"] = camera.lens.model
+    values |= {key: value for key, value in camera.lens.named.items() if value}
+    if camera.trust != Trust.CALIBRATED:
+        values["trust"] = str(camera.trust)
+    return values | {POSE: own.T_color_depth.tolist()}
+
+
+def depth_camera_of(values: Mapping[str, Any], camera: Camera, where: str) -> DepthCamera | None:
+    """The depth camera that a camera file's values name beside `camera`; None where they name none.
+
+    Raises ConfigError naming `where` and the key.
+    """
+    if DEPTH_CAMERA not in values:
+        return None
+    own, inside = values[DEPTH_CAMERA], f"{where}: {DEPTH_CAMERA}"
+    if not isinstance(own, dict) or POSE not in own:
+        raise ConfigError(
+            f"{inside} needs fx, fy, cx, cy, width, height and {POSE}, four rows of four numbers: "
+            "points of the depth camera to points of the colour camera, m"
+        )
+    try:
+        T = np.asarray(own[POSE], float).reshape(4, 4)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{inside}: {POSE} must be four rows of four numbers") from None
+    R = T[:3, :3]
+    if not (
+        np.isfinite(T).all()
+        and np.abs(R @ R.T - np.eye(3)).max() < 1e-3
+        and np.linalg.det(R) > 0
+        and np.array_equal(T[3], [0, 0, 0, 1])
+        and np.abs(T[:3, 3]).max() < MOST_APART_M
+    ):
+        raise ConfigError(f"{inside}: {POSE} must be a rotation and a shift in metres, with the last row 0 0 0 1")
+    rest = {key: value for key, value in own.items() if key != POSE}
+    require_known(rest, DEPTH_CAMERA_KEYS, inside)
+    made = make_camera(rest | {"depth_scale": camera.depth_scale}, inside, camera.source)
+    T = se3.pose(se3.project_so3(R), T[:3, 3])
+    return DepthCamera(made, tuple(T.ravel().tolist()))
 
 
 def _yaml(value: float) -> str:

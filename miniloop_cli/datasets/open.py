@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.datasets.archive_path import ArchivePath, entered, from_archive, is_archive, levels
+from miniloop_cli.datasets.camera_files import read_depth_camera
 from miniloop_cli.datasets.camera_trust import with_trust
 from miniloop_cli.datasets.confidence import MIN_CONFIDENCE, ConfidentDepth, with_min_confidence
 from miniloop_cli.datasets.depth_values import understand_depth
@@ -21,6 +22,7 @@ from miniloop_cli.datasets.read import require_color_size
 from miniloop_cli.datasets.registry import BUILT_IN, find_layout, known_layouts, load_layouts
 from miniloop_cli.datasets.upright import with_upright_colour
 from miniloop_cli.errors import InputError
+from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
 
 LOG = logging.getLogger("miniloop")
@@ -62,6 +64,7 @@ def open_sequence(
     sequence = reader.open(root, Path(camera_path) if camera_path else None)
     camera = with_trust(sequence.camera, name, camera_path is not None)
     sequence = with_min_confidence(replace(sequence, camera=camera, layout=name, topics=topics), min_confidence)
+    sequence = _with_depth_camera(sequence, Path(camera_path) if camera_path else root / "camera.yaml")
     if isinstance(root, ArchivePath):
         sequence = from_archive(sequence, root)
     sequence = _with_masks(sequence)
@@ -70,12 +73,18 @@ def open_sequence(
     sequence = with_upright_colour(sequence)
     _check_size(sequence)
     sequence = understand_depth(sequence)
-    if max_frames is not None and max_frames < len(sequence.frames):
-        keep = np.round(np.linspace(0, len(sequence.frames) - 1, max(max_frames, 1))).astype(int)
-        # Images that were left out on purpose are not images without partner.
-        chosen = tuple(sequence.frames[i] for i in keep)
-        sequence = replace(sequence, frames=chosen, available=(0, 0), color_only=None)
-    return sequence
+    return sequence if max_frames is None else sequence.thinned(max_frames)
+
+
+def _with_depth_camera(sequence: Sequence, path: Path) -> Sequence:
+    """The recording with the depth camera that its camera file names, if it names one."""
+    own = read_depth_camera(path, sequence.camera) if path.is_file() else None
+    if own is None:
+        return sequence
+    if own.camera.trust == Trust.GUESS:
+        return replace(sequence, depth_camera=own)
+    text = "depth is of a camera of its own, which the camera file describes: it is registered to colour as it is read"
+    return replace(sequence, depth_camera=own, notes=(*sequence.notes, Note(NoteKind.CONVERTED, text)))
 
 
 def _set_topics(reader: Layout, topics: str, root: Path, name: str) -> None:

@@ -16,8 +16,8 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.no_depth import NoDepth
-from miniloop_cli.scene.sequence import Scan, Sequence, Trajectory
-from miniloop_cli.typing import Bools, Bytes
+from miniloop_cli.scene.sequence import Frame, Scan, Sequence, Trajectory
+from miniloop_cli.typing import Bools, Bytes, Floats32
 
 Shape = tuple[int, ...]
 DEPTH_MUST_BE = "depth must have one channel of 16 bits"
@@ -55,7 +55,7 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
     Raises InputError naming frame and file for an image that is missing, broken, too large, or not what the
     camera says; the rest of the sequence is not concerned.
     """
-    frame, scale = sequence.frames[index], np.float32(sequence.camera.depth_scale)
+    frame = sequence.frames[index]
     source = frame.color
     try:
         color = read_color(source)
@@ -72,19 +72,36 @@ def read_scan(sequence: Sequence, index: int) -> Scan:
             color, stored, mask = _as_common(color, stored, mask, frame.camera, sequence.camera)
     except InputError as error:
         raise InputError(f"frame {index} ({_name_in(sequence.root, source)}): {error}") from None
-    depth_m = stored.astype(np.float32) / scale
-    for value in sequence.depth_format.no_reading:
-        depth_m[stored == np.asarray(value, stored.dtype)] = 0
-    if (own := sequence.depth_camera) and not isinstance(frame.depth, NoDepth):
-        # Most recordings come registered, and need not wait for a compiler.
-        from miniloop_cli.geometry.depth_registration import register_depth
-
-        depth_m = register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
+    depth_m = _registered(sequence, frame, _in_metres(sequence, stored))
     if not sequence.camera.depth_model.exact:
         depth_m = sequence.camera.depth_model.of_image(depth_m)
     if mask is not None:
         depth_m[mask] = 0
     return Scan(color, depth_m, mask)
+
+
+def read_own_depth(sequence: Sequence, index: int) -> Floats32:
+    """The depth (h, w) m of frame `index` as its camera measured it, 0 = none. Raises InputError (reason only)."""
+    size = sequence.camera.height, sequence.camera.width
+    return _in_metres(sequence, _stored_depth(sequence, sequence.frames[index].depth, size))
+
+
+def _in_metres(sequence: Sequence, stored: NDArray[Any]) -> Floats32:
+    depth_m = stored.astype(np.float32) / np.float32(sequence.camera.depth_scale)
+    for value in sequence.depth_format.no_reading:
+        depth_m[stored == np.asarray(value, stored.dtype)] = 0
+    return depth_m
+
+
+def _registered(sequence: Sequence, frame: Frame, depth_m: Floats32) -> Floats32:
+    """Depth of a camera of its own on the pixels of colour."""
+    own = sequence.depth_camera
+    if own is None or isinstance(frame.depth, NoDepth) or own.sees_as(sequence.camera):
+        return depth_m
+    # Most recordings come registered, and need not wait for a compiler.
+    from miniloop_cli.geometry.depth_registration import register_depth
+
+    return register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
 
 
 def _stored_depth(sequence: Sequence, source: ImageSource, color: Shape) -> NDArray[Any]:

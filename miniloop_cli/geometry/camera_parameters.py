@@ -1,7 +1,8 @@
 """The numbers of a camera that a calibration may change, as steps from a given camera, and what they do to pixels.
 
 Steps of the focal length are relative: one for both directions (log), one for fy against fx. Distortion is that of
-Brown and Conrady with k1 k2 p1 p2 k3; other lenses keep their coefficients. Depth as in depth_model.py.
+Brown and Conrady with k1 k2 p1 p2 k3; other lenses keep their coefficients. Depth as in depth_model.py; a depth camera
+beside the colour camera as in depth_camera_parameters.py.
 """
 
 from __future__ import annotations
@@ -10,15 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from miniloop_cli.geometry import depth_model
+from miniloop_cli.geometry import depth_camera_parameters, depth_model
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.lens import radial_tangential_lens
 from miniloop_cli.typing import Floats, Ints
 
 INTRINSICS = ("focal", "aspect", "cx", "cy")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
-NAMES = (*INTRINSICS, *DISTORTION, *depth_model.NAMES)
+NAMES = (*INTRINSICS, *DISTORTION, *depth_model.NAMES, *depth_camera_parameters.NAMES)
 OF_PIXELS = len(INTRINSICS) + len(DISTORTION)
+OF_ONE_CAMERA = OF_PIXELS + len(depth_model.NAMES)
+OF_DEPTH = slice(OF_PIXELS, OF_ONE_CAMERA)
 FARTHEST = 4.0  # squared radius beyond which a polynomial is not followed
 _STEP = 1e-5
 
@@ -68,7 +71,7 @@ class CameraParameters:
     def depth(self) -> depth_model.DepthModel:
         """The depth model: that of the given camera, and the steps."""
         start = np.array(self.given.depth_model.coefficients)
-        offset, bend, radial, radial_bend = (start + self.theta[OF_PIXELS:]).tolist()
+        offset, bend, radial, radial_bend = (start + self.theta[OF_DEPTH]).tolist()
         return depth_model.DepthModel(offset, bend, radial, radial_bend, self.middle_m)
 
     @property
@@ -76,13 +79,18 @@ class CameraParameters:
         """The camera with the steps taken."""
         fx, fy = self.focal
         lens = radial_tangential_lens(*self.distortion.tolist()) if self.bends else self.given.lens
-        depth = self.depth if self.theta[OF_PIXELS:].any() else self.given.depth_model
+        depth = self.depth if self.theta[OF_DEPTH].any() else self.given.depth_model
         cx, cy = self.given.cx + float(self.theta[2]), self.given.cy + float(self.theta[3])
         return replace(self.given, fx=fx, fy=fy, cx=cx, cy=cy, lens=lens, depth_model=depth)
 
+    @property
+    def of_depth_camera(self) -> Floats:
+        """(8,) steps of the depth camera beside."""
+        return self.theta[OF_ONE_CAMERA:]
+
     def depth_step(self, z_m: Floats, rho: Floats) -> Floats:
         """What the steps add to readings (k,) m of the given camera, at squared shares of the half diagonal (k,)."""
-        return np.tensordot(self.theta[OF_PIXELS:], depth_model.basis(z_m, rho, self.middle_m)[0], 1)
+        return np.tensordot(self.theta[OF_DEPTH], depth_model.basis(z_m, rho, self.middle_m)[0], 1)
 
     def project(self, p_cam: Floats) -> Projection:
         """Measured pixels of points (3, k) m, z > 0. Each residual's numbers lie side by side, as in refinement."""

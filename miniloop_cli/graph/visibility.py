@@ -49,9 +49,16 @@ def partners(
     return sorted(pairs)
 
 
-def in_view(T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera) -> Floats:
-    """(m, m) share of the points of each of the m `scans` (row) that lie in the image of each other (column)."""
-    return _shares(*_views(T_world_cam, scans, points, camera))
+def pairs_in_view(
+    T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera, least: float
+) -> set[Pair]:
+    """Pairs (i, j), i < j, of `scans` of which one has the share `least` of its points in the image of the other."""
+    views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
+    for a in range(len(scans)):
+        for b in np.flatnonzero(_shares(a, *views, least) >= least):
+            if a != b:
+                pairs.add((int(min(scans[a], scans[b])), int(max(scans[a], scans[b]))))
+    return pairs
 
 
 def _views(
@@ -81,13 +88,12 @@ def _share(T: Floats, points: Floats, lens: Floats, least: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shares(T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats) -> Floats:
-    """(n, n) share of the sample points of scan a (row) that lie in the image of scan b (column)."""
+def _shares(a: int, T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats, least: float) -> Floats:
+    """(n,) share of the sample points of scan a that lie in the image of each scan; 0 where it is below `least`."""
     n = T_world_cam.shape[0]
-    share = np.zeros((n, n))
-    for a in range(n):
-        for b in range(n):
-            share[a, b] = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, 0.0)
+    share = np.zeros(n)
+    for b in range(n):
+        share[b] = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, least)
     return share
 
 

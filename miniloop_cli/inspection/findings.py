@@ -142,7 +142,10 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
         return
     explained = (numbers.get("explained") or {}).get("median")
     kind, (x, y) = found["kind"], found["shift_px"]
-    register = "register depth to colour first (most drivers and Open3D can), with both cameras' calibration"
+    register = (
+        "register depth to colour first (most drivers and Open3D can), with both cameras' calibration; without one, "
+        "`miniloop register` asks the recording for it where camera.yaml names a depth camera (docs/calibration.md)"
+    )
     if kind == "shifted":
         yield Finding(
             "problem", "unregistered-depth",

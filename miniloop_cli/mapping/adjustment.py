@@ -8,6 +8,7 @@ poses and points, from where they are, take the rest of the way: no keyframe is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +25,11 @@ ROUNDING = np.radians(0.02), 0.0005  # rad, m
 WHOLE_STEPS, WHOLE_TOLERANCE = 4, 1e-5  # of all poses together, from poses that are nearly right
 
 
-@dataclass(frozen=True)
-class Adjusted:
-    """Poses (K, 4, 4), covariances (K, 6, 6) given the keyframes that were held, and which those were not (K,)."""
+class Locally(NamedTuple):
+    """Poses (K, 4, 4), points (p, 3), and which keyframes were not held (K,)."""
 
     T_world_cam: Floats
-    covariance: Floats
+    points: Floats
     active: Bools
 
 
@@ -57,6 +57,12 @@ class Observations:
         """The observations that rows (n,) mark."""
         return Observations(self.frame[rows], self.track[rows], self.px_ideal[rows], self.z_m[rows])
 
+    def of_tracks_seen_by(self, keyframes: Bools) -> Observations:
+        """Those of tracks that some of these (K,) saw."""
+        touched = np.zeros(int(self.track.max(initial=-1)) + 1, bool)
+        touched[self.track[keyframes[self.frame]]] = True
+        return self.subset(touched[self.track])
+
     def adjusted(
         self, T: Floats, scans: ScanSet, settings: BundleSettings, jobs: int, held: Bools, points: Floats | None
     ) -> BundleResult:
@@ -68,44 +74,47 @@ class Observations:
 
 def shared_tracks(seen: Observations, new: Bools) -> Ints:
     """(K,) tracks of each keyframe that the `new` ones (K,) see as well."""
-    of_new = np.zeros(int(seen.track.max(initial=-1)) + 1, bool)
-    of_new[seen.track[new[seen.frame]]] = True
-    counts: Ints = np.bincount(seen.frame[of_new[seen.track]], minlength=len(new))
+    counts: Ints = np.bincount(seen.of_tracks_seen_by(new).frame, minlength=len(new))
     return counts
 
 
 def adjusted_locally(
     T_world_cam: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
-) -> tuple[Adjusted, Floats]:
-    """The `new` keyframes (K,) and those that share points with them; the others are held. Also the points (p, 3)."""
+) -> Locally:
+    """The `new` keyframes (K,) and those that share points with them; the others are held."""
     active: Bools = new | (shared_tracks(seen, new) >= MIN_SHARED)
-    touched = np.zeros(int(seen.track.max(initial=-1)) + 1, bool)
-    touched[seen.track[active[seen.frame]]] = True
-    part, held = seen.subset(touched[seen.track]), ~active
+    part = seen.of_tracks_seen_by(active)
     rough = BundleSettings(depth_sigma_factor=settings.depth_sigma_factor, relative_tolerance=1e-3, covariance=False)
-    fine = replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor)
-    T, points = T_world_cam, None
-    for kind in (rough, fine):
-        result = part.adjusted(T, scans, kind, jobs, held, points)
-        T, points = result.T_world_cam, result.points_world
-    assert result.covariance is not None and points is not None
-    return Adjusted(T, result.covariance, active), points
+    first = part.adjusted(T_world_cam, scans, rough, jobs, ~active, None)
+    last = part.adjusted(first.T_world_cam, scans, _fine(settings), jobs, ~active, first.points_world)
+    return Locally(last.T_world_cam, last.points_world, active)
 
 
 def adjusted_together(
     T_world_cam: Floats, points: Floats, seen: Observations, fixed: int, scans: ScanSet, settings: Bundle, jobs: int
-) -> Floats:
-    """All poses (K, 4, 4) after a few steps from here; keyframe `fixed` stays. points (p, 3): NaN where unknown."""
-    fine = replace(
-        SHARP,
-        depth_sigma_factor=settings.depth_sigma_factor,
-        max_iterations=WHOLE_STEPS,
-        relative_tolerance=WHOLE_TOLERANCE,
-        covariance=False,
-        fixed_frame=fixed,
-    )
+) -> tuple[Floats, Floats]:
+    """All poses (K, 4, 4) and points (p, 3) after a few steps from here; keyframe `fixed` stays.
+
+    points (p, 3): NaN where unknown.
+    """
+    kind = replace(_fine(settings), max_iterations=WHOLE_STEPS, relative_tolerance=WHOLE_TOLERANCE, fixed_frame=fixed)
     nobody = np.zeros(len(T_world_cam), bool)
-    return seen.adjusted(T_world_cam, scans, fine, jobs, nobody, points).T_world_cam
+    found = seen.adjusted(T_world_cam, scans, kind, jobs, nobody, points)
+    return found.T_world_cam, found.points_world
+
+
+def covariance_beside_the_map(
+    T_world_cam: Floats, points: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
+) -> Floats:
+    """(k, 6, 6) covariances of the `new` keyframes (K,), given all others, at the minimum."""
+    kind = replace(_fine(settings), covariance=True, max_iterations=0)
+    found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
+    assert found.covariance is not None
+    return found.covariance[new]
+
+
+def _fine(settings: Bundle) -> BundleSettings:
+    return replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor, covariance=False)
 
 
 def known_points(points: MapPoints, tracks: Tracks, first_feature: Ints) -> Floats:

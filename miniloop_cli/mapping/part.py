@@ -82,7 +82,7 @@ def of_rows(features: ScanFeatures, rows: Ints) -> ScanFeatures:
 
 def by_calibration(features: ScanFeatures, calibration: Calibration | None) -> ScanFeatures:
     """Features as the calibrated camera measured them: they were extracted with the one that was given."""
-    if calibration is None or not calibration.changed:
+    if calibration is None or not calibration.changed or calibration.beforehand:
         return features
     camera = calibration.camera
     px_ideal = camera.undistort(calibration.given.distort(features.px_ideal))

@@ -24,7 +24,7 @@ def as_one_table(counts: Sequence[int], own: Sequence[EdgeTable], between: Mappi
     for (a, b), table in between.items():
         shift = np.array([first[a], first[b] - counts[a]])
         tables.append(replace(table, i=table.i + shift[0], j=table.j + shift[1]))
-    return EdgeTable.of([edge for table in tables for edge in table.edges()])
+    return EdgeTable.concatenated(tables) if tables else EdgeTable.of([])
 
 
 def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) -> Ints:

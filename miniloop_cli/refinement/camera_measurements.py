@@ -15,6 +15,7 @@ from miniloop_cli.refinement.bundle_problem import Bundle
 from miniloop_cli.refinement.free_depth_term import FreeDepthTerm
 from miniloop_cli.refinement.free_pixel_term import FreePixelTerm
 from miniloop_cli.refinement.free_terms import FreeTerm
+from miniloop_cli.refinement.lookup import Lookup
 from miniloop_cli.refinement.points import initial_points
 from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.refinement.terms import PoseTerm
@@ -24,24 +25,35 @@ from miniloop_cli.typing import Bools, Floats, Ints
 
 @dataclass(frozen=True)
 class CameraMeasurements:
-    """k rows sorted by track, then by frame: frame, track (k,), measured px (k, 2), z_m (k,) m or NaN; rho (k,)."""
+    """k rows sorted by track, then by frame: frame, track (k,), measured px (k, 2), z_m (k,) m or NaN; rho (k,).
+
+    `lookup`: where z_m depends on where a depth camera of its own stands.
+    """
 
     frame: Ints
     track: Ints
     px: Floats
     z_m: Floats
     rho: Floats
+    lookup: Lookup | None = None
 
     @staticmethod
-    def of(frame: Ints, track: Ints, px: Floats, z_m: Floats, size: tuple[int, int]) -> CameraMeasurements:
+    def of(
+        frame: Ints, track: Ints, px: Floats, z_m: Floats, size: tuple[int, int], lookup: Lookup | None = None
+    ) -> CameraMeasurements:
         """Rows in any order, in images of this width and height; those that no lens images (NaN) are left out."""
         order = np.lexsort((frame, track))
         order = order[np.isfinite(px[order]).all(axis=1)]
-        return CameraMeasurements(frame[order], track[order], px[order], z_m[order], depth_model.rho(px[order], *size))
+        edge = depth_model.rho(px[order], *size)
+        lookup = lookup and lookup.subset(order)
+        return CameraMeasurements(frame[order], track[order], px[order], z_m[order], edge, lookup)
 
     def subset(self, rows: Bools) -> CameraMeasurements:
         """The rows (k,) that are kept."""
-        return CameraMeasurements(self.frame[rows], self.track[rows], self.px[rows], self.z_m[rows], self.rho[rows])
+        lookup = self.lookup and self.lookup.subset(rows)
+        return CameraMeasurements(
+            self.frame[rows], self.track[rows], self.px[rows], self.z_m[rows], self.rho[rows], lookup
+        )
 
 
 def free_bundle(
@@ -55,7 +67,8 @@ def free_bundle(
     """The bundle at poses (n, 4, 4), its terms, and the measurements whose points can be told there."""
     camera = parameters.camera
     ideal = camera.undistort(measured.px)
-    z_m = measured.z_m + parameters.depth_step(measured.z_m, measured.rho)
+    z_m = measured.z_m if measured.lookup is None else measured.z_m + measured.lookup.step(parameters.theta)
+    z_m = z_m + parameters.depth_step(z_m, measured.rho)
     origin = T_world_cam[:, :3, 3].mean(axis=0)
     R, t = np.ascontiguousarray(project_so3(T_world_cam[:, :3, :3])), T_world_cam[:, :3, 3] - origin
     count = int(measured.track.max(initial=-1)) + 1
@@ -67,6 +80,6 @@ def free_bundle(
     of_pixels, of_depth = (Robust(settings.kernel, scale) for scale in (settings.scale_px, settings.scale_depth))
     terms: list[FreeTerm] = [
         FreePixelTerm(np.ascontiguousarray(kept.px.T), parameters, settings.sigma_px, of_pixels),
-        FreeDepthTerm(kept.z_m, sigma_m, kept.rho, parameters, of_depth),
+        FreeDepthTerm(kept.z_m, sigma_m, kept.rho, parameters, of_depth, kept.lookup),
     ]
     return Bundle(tracks, terms, pose_terms, R, t, X, origin, jobs, settings.least_curvature), terms, kept

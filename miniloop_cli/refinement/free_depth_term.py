@@ -12,8 +12,9 @@ from typing import Self
 
 import numpy as np
 
-from miniloop_cli.geometry.camera_parameters import NAMES, OF_PIXELS, CameraParameters
+from miniloop_cli.geometry.camera_parameters import NAMES, OF_DEPTH, CameraParameters
 from miniloop_cli.geometry.depth_model import basis
+from miniloop_cli.refinement.lookup import Lookup
 from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.refinement.terms import NEAR_M
 from miniloop_cli.typing import Floats, Ints
@@ -23,7 +24,7 @@ from miniloop_cli.typing import Floats, Ints
 class FreeDepthTerm:
     """Readings (k,) m, NaN where there is none, their standard deviations (k,) m, and where in the image they are.
 
-    `rho` (k,): squared share of the half diagonal.
+    `rho` (k,): squared share of the half diagonal. `lookup`: where the readings depend on the parameters themselves.
     """
 
     z_m: Floats
@@ -31,9 +32,11 @@ class FreeDepthTerm:
     rho: Floats
     parameters: CameraParameters
     robust: Robust
+    lookup: Lookup | None = None
 
     def of(self, rows: Ints) -> Self:
-        return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows], rho=self.rho[rows])
+        lookup = self.lookup and self.lookup.subset(rows)
+        return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows], rho=self.rho[rows], lookup=lookup)
 
     def at(self, parameters: CameraParameters) -> Self:
         return replace(self, parameters=parameters)
@@ -49,15 +52,18 @@ class FreeDepthTerm:
         corrected, sigma_m, value, growth = self._corrected()
         residual = (p_cam[2] - corrected) / sigma_m
         found = np.zeros((1, len(NAMES), len(residual)))
-        found[0, OF_PIXELS:] = -value / sigma_m - residual * growth
+        found[0, OF_DEPTH] = -value / sigma_m - residual * growth
+        if self.lookup:
+            found[0] -= self.lookup.by_theta * (1 / self.sigma_m)  # the correction grows with the reading as sigma does
         return found
 
     def _corrected(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Corrected depths (k,) or NaN, their sigmas (k,); derivatives (4, k) of the depth and of the log of sigma."""
-        reading = np.isfinite(self.z_m)
-        z_m = np.where(reading, self.z_m, 1.0)
+        z_m = self.z_m if self.lookup is None else self.z_m + self.lookup.step(self.parameters.theta)
+        reading = np.isfinite(z_m)
+        z_m = np.where(reading, z_m, 1.0)
         value, slope = basis(z_m, self.rho, self.parameters.middle_m)
-        step = self.parameters.theta[OF_PIXELS:]
+        step = self.parameters.theta[OF_DEPTH]
         grows = np.maximum(1 + np.tensordot(step, slope, 1), 0.1)  # no correction turns near and far around
         corrected = np.where(reading, z_m + np.tensordot(step, value, 1), np.nan)
         return corrected, self.sigma_m * grows, value, slope / grows

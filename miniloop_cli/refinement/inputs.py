@@ -6,6 +6,7 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.refinement.lookup import TwoCameras
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
@@ -22,7 +23,7 @@ from miniloop_cli.typing import Floats
 class Scans:
     """What refinement needs of the scans: features, points, stamps of colour and of depth (n,) seconds, the camera.
 
-    `vertical`: what an accelerometer says, where there was one.
+    `vertical`: what an accelerometer says, where there was one. `two`: depth has a camera of its own that is asked for.
     """
 
     features: Many[ScanFeatures]
@@ -32,6 +33,7 @@ class Scans:
     camera: Camera
     feature_type: str
     vertical: Vertical | None = None
+    two: TwoCameras | None = None
 
     @property
     def accelerometer(self) -> Accelerometer | None:

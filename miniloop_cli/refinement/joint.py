@@ -169,7 +169,7 @@ def _bundle(
     moving, timing = MovingCamera(scans.camera, stamps_s, known, accelerometer, tuple(terms)), NO_TIMING
     if settings.timing:
         timing, T = calibrate(T, tracked, moving, rough, jobs)
-    calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs) if calibrated else None
+    calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs, scans.two) if calibrated else None
     if calibration and calibration.changed:
         tracked, moving = recalibrated(tracked, calibration), replace(moving, camera=calibration.camera)
     # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.

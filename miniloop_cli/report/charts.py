@@ -10,7 +10,7 @@ import numpy as np
 
 from miniloop_cli.evaluation.evaluate import Evaluation
 from miniloop_cli.report.images import data_uri, png
-from miniloop_cli.report.svg import Chart, limits, tenths
+from miniloop_cli.report.svg import MOST_DOTS, Chart, limits, spread, tenths
 from miniloop_cli.results.columns import Edges, Frames, ReportData
 from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Bools, Ints
@@ -115,11 +115,13 @@ def overlap_graph(edges: Edges, n: int, registered: Bools) -> Graph:
     order = sorted(chords, key=lambda name: (KINDS.get(name, 0), name))
     tips = [f"frame {k}" if known else f"frame {k}, not registered" for k, known in enumerate(registered)]
     step = max(1, round(n / 12 / 5) * 5) if n > 12 else 1
+    kinds = np.flatnonzero(registered), np.flatnonzero(~registered)
+    shown = np.sort(np.concatenate([kind[spread(len(kind), MOST_DOTS)] for kind in kinds]))
     return Graph(
         size=size,
         chords=[(KINDS.get(name, 0), "".join(chords[name])) for name in order],
         opacity=round(float(np.clip(300 / max(len(inside), 1), 0.3, 0.8)), 2),
-        nodes=list(zip(tenths(x), tenths(y), registered.tolist(), tips, strict=True)),
+        nodes=[(*tenths([x[k], y[k]]), bool(registered[k]), tips[k]) for k in shown.tolist()],
         node_radius=2 if n > 60 else 4,
         labels=[
             (round(size / 2 + 1.08 * radius * right[k]), round(size / 2 - 1.08 * radius * up[k] + 4), k)

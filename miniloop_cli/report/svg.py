@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from miniloop_cli.typing import Floats
+from miniloop_cli.typing import Floats, Ints
+
+MOST_DOTS = 1000  # of one kind in a chart: more lie on each other, and make a page slow
 
 LEFT, RIGHT, TOP, BOTTOM = 60, 12, 26, 42  # margins around the plotting area (px)
 
@@ -35,6 +37,13 @@ def limits(*series: Floats, margin: float = 0.05) -> tuple[float, float]:
 def tenths(values: ArrayLike) -> list[float]:
     """(n,) pixels as numbers with one decimal, which is finer than a screen shows."""
     return np.round(np.ravel(values), 1).tolist()
+
+
+def spread(count: int, most: int) -> Ints:
+    """(k,) rows of `count`, ascending: all, or `most` evenly spaced ones, the first and the last among them."""
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).round().astype(np.int64)
 
 
 @dataclass
@@ -92,12 +101,12 @@ class Chart:
                 self.lines.append((css, " ".join(f"{u[k]:.1f},{v[k]:.1f}" for k in rows)))
 
     def dots(self, x: Floats, y: Floats, css: str, tips: Sequence[str], radius: float = 2.5) -> None:
-        """Circles at x (n,), y (n,) with tooltips; those that are not finite are left out."""
+        """Circles at x (n,), y (n,) with tooltips, evenly spaced ones of very many; those not finite are left out."""
         u, v = self.place(x, y)
-        known = (np.isfinite(u) & np.isfinite(v)).tolist()
-        for a, b, tip, shown in zip(tenths(u), tenths(v), tips, known, strict=True):
-            if shown:
-                self.circles.append((a, b, radius, css, tip))
+        known = np.flatnonzero(np.isfinite(u) & np.isfinite(v))
+        rows = known[spread(len(known), MOST_DOTS)]
+        for k, a, b in zip(rows.tolist(), tenths(u[rows]), tenths(v[rows]), strict=True):
+            self.circles.append((a, b, radius, css, tips[k]))
 
     def image(self, data_uri: str, x_range: tuple[float, float], y_range: tuple[float, float]) -> None:
         """An image stretched over a range of user units, its pixels kept as squares."""

@@ -64,14 +64,18 @@ class Map:
         camera = camera or self.camera_for(image.shape)
         if camera:
             return self._located(image, depth_m, camera, False)
-        return self._located(image, depth_m, guessed_camera(Path(), image.shape[1], image.shape[0]), True)
+        return self.locate_roughly(image, depth_m, guessed_camera(Path(), image.shape[1], image.shape[0]))
+
+    def locate_roughly(self, color: Bytes, depth_m: Floats32 | None, camera: Camera) -> Location:
+        """As `locate`, with a camera whose focal length is a guess: it is estimated with the pose."""
+        return self._located(color, depth_m, camera, True)
 
     def locate_file(self, path: Path, color: Bytes, depth_m: Floats32 | None, camera: Camera | None) -> Location:
         """As `locate`, for color (h, w, 3) and depth_m (h, w) of a file, whose EXIF may give a focal length."""
         camera = camera or self.camera_for(color.shape)
         if camera:
             return self.locate(color, depth_m, camera)
-        return self._located(color, depth_m, guessed_camera(path, color.shape[1], color.shape[0]), True)
+        return self.locate_roughly(color, depth_m, guessed_camera(path, color.shape[1], color.shape[0]))
 
     def camera_for(self, shape: Sequence[int]) -> Camera | None:
         """The camera of the first recording whose images are (h, w, ...) large; None if there is none."""

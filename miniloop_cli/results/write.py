@@ -62,7 +62,7 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
     stamps = np.array([frame.timestamp_s for frame in run.sequence.frames])
     _write_yaml(run, folder / "config.yaml")
     told = calibration.uncertainty(run.calibration) if run.calibration and run.calibration.changed else None
-    save_camera(folder / "camera.yaml", run.sequence.camera, told)
+    save_camera(folder / "camera.yaml", run.sequence.camera, told, run.sequence.depth_camera)
     write_csv(folder / "frames.csv", FRAME_COLUMNS, frame_rows(run))
     write_csv(folder / "edges.csv", EDGE_COLUMNS, edge_rows(run))
     _write_inliers(run, folder / "inliers.npz")

@@ -10,7 +10,10 @@ import numpy as np
 
 from miniloop_cli.geometry import depth_model
 from miniloop_cli.geometry.camera import Camera, Trust
-from miniloop_cli.geometry.camera_parameters import DISTORTION, NAMES, CameraParameters
+from miniloop_cli.geometry.camera_parameters import DISTORTION, NAMES, OF_ONE_CAMERA, CameraParameters
+from miniloop_cli.geometry.depth_camera_parameters import NAMES as TWO
+from miniloop_cli.geometry.depth_camera_parameters import moved
+from miniloop_cli.scene.sequence import DepthCamera
 from miniloop_cli.typing import Floats, Ints
 
 
@@ -39,6 +42,8 @@ class Calibration:
     theta (p,), covariance (p, p; of those that stay: what was known before), status (p,) numbers of Status, by
     camera_parameters.NAMES. `gain`: by how much the cost of points that took no part falls, as a share, and
     `gain_sigma` its standard deviation. `scale_sigma`: of the unit of depth, relative; no recording tells it.
+    `depth_given`: the depth camera that was given, where depth has one of its own that was asked for. `beforehand`: it
+    is from a run before this one, whose features are those of the calibrated camera already.
     """
 
     given: Camera
@@ -49,6 +54,16 @@ class Calibration:
     gain: float
     gain_sigma: float
     scale_sigma: float
+    depth_given: DepthCamera | None = None
+    beforehand: bool = False
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The calibrated depth camera, where depth has one of its own."""
+        if self.depth_given is None:
+            return None
+        own, T = moved(self.depth_given.camera, self.depth_given.T_color_depth, self.parameters.of_depth_camera)
+        return DepthCamera(replace(own, trust=Trust.CALIBRATED), tuple(T.ravel().tolist()))
 
     @property
     def parameters(self) -> CameraParameters:
@@ -101,4 +116,21 @@ class Calibration:
         rows += [(f"depth_{name}", before, after) for name, before, after in depth]
         for k, (name, before, after) in enumerate(rows, start=4):
             found.append(Value(name, before, after, float(self.sigmas[k]), status[k]))
+        return found + self._of_depth_camera(status)
+
+    def _of_depth_camera(self, status: list[Status]) -> list[Value]:
+        """Numbers of the depth camera: px, degrees and m; turns and shifts are from where it was given."""
+        if self.depth_given is None or (own := self.depth_camera) is None:
+            return []
+        given, now, sigma, step = self.depth_given.camera, own.camera, self.sigmas, self.parameters.of_depth_camera
+        k = OF_ONE_CAMERA
+        found = [
+            Value("depth_fx", given.fx, now.fx, now.fx * float(sigma[k]), status[k]),
+            Value("depth_cx", given.cx, now.cx, float(sigma[k + 1]), status[k + 1]),
+            Value("depth_cy", given.cy, now.cy, float(sigma[k + 2]), status[k + 2]),
+        ]
+        for j, name in enumerate(TWO[3:], start=3):
+            unit, word = (np.degrees(1), "deg") if name.startswith("turn") else (1.0, "m")
+            size, unsure = float(unit * step[j]), float(unit * sigma[k + j])
+            found.append(Value(f"depth_{name}_{word}", 0.0, size, unsure, status[k + j]))
         return found

@@ -115,6 +115,22 @@ class EdgeTable:
         )
 
     @staticmethod
+    def concatenated(tables: Sequence[EdgeTable]) -> EdgeTable:
+        """All edges of tables that share no pair, sorted by (i, j)."""
+        tables = [table for table in tables if len(table)] or list(tables[:1])
+        columns = {
+            name: np.concatenate([getattr(table, name) for table in tables])
+            for name in (column.name for column in fields(EdgeTable))
+            if name != "start"
+        }
+        counts = np.concatenate([table.match_count for table in tables])
+        start, order = np.cumsum(counts) - counts, np.lexsort((columns["j"], columns["i"]))
+        ends = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[order])])
+        rows = np.repeat(start[order] - ends[:-1], counts[order]) + np.arange(ends[-1])
+        columns = {name: column[rows if name in RAGGED else order] for name, column in columns.items()}
+        return EdgeTable(**columns, start=ends)
+
+    @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> EdgeTable:
         """The table that `arrays` gave."""
         return EdgeTable(**{column.name: arrays[column.name] for column in fields(EdgeTable)})

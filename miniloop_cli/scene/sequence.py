@@ -123,6 +123,12 @@ class DepthCamera:
         """(4, 4)."""
         return np.array(self.pose_rows).reshape(4, 4)
 
+    def sees_as(self, color: Camera) -> bool:
+        """Whether a pixel of depth is taken to be that of colour: the same camera at the same place."""
+        own = self.camera
+        same = (own.fx, own.fy, own.cx, own.cy, own.lens) == (color.fx, color.fy, color.cx, color.cy, color.lens)
+        return same and bool(np.array_equal(self.T_color_depth, np.eye(4)))
+
 
 @dataclass(frozen=True)
 class Sequence:
@@ -146,6 +152,16 @@ class Sequence:
         alone = self.color_only
         changed = replace(alone, frames=tuple(map(change, alone.frames))) if alone else None
         return replace(self, frames=tuple(map(change, self.frames)), color_only=changed)
+
+    def thinned(self, count: int) -> Sequence:
+        """Evenly spaced frames, at most so many.
+
+        Images that are left out on purpose are not images without partner.
+        """
+        if count >= len(self.frames):
+            return self
+        keep = np.round(np.linspace(0, len(self.frames) - 1, max(count, 1))).astype(int)
+        return replace(self, frames=tuple(self.frames[i] for i in keep), available=(0, 0), color_only=None)
 
     def with_color_only(self) -> tuple[Sequence, Ints]:
         """The recording with colour images without depth among its frames; the rows (n,) of these frames there."""

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from miniloop_cli.errors import ConfigError
+from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.geometry.lens import radial_tangential_lens
+from miniloop_cli.geometry.lens import PINHOLE, radial_tangential_lens
+from miniloop_cli.scene.sequence import DepthCamera
 
 SCENES = ("room", "two-rooms", "plane", "textureless", "repeated", "turntable")
 PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 ALIKE = ("nothing", "half-turn", "rooms", "furniture")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 MIN_FRAMES_A_STRETCH = 10
+TURN_AXIS = np.array([2.0, 3.0, -1.0]) / np.sqrt(14.0)  # of a depth camera that is turned against colour
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,9 @@ class SimulationSettings:
     cuts: int = 0
     hard: tuple[str, ...] = ()
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
+    depth_baseline_m: float = 0.0  # from the colour camera to a depth camera of its own, to the left
+    depth_turn_deg: float = 0.0  # of that camera against the colour camera
+    depth_focal_px: float | None = None  # of that camera; None: as the colour camera
 
     def __post_init__(self) -> None:
         given = [("scene", self.scene, SCENES), ("path", self.path, PATHS), ("alike places", self.alike, ALIKE)]
@@ -94,6 +102,8 @@ class SimulationSettings:
             ("noise_level", 0.0, 20.0),
             ("rooms", 1, 100),
             ("cuts", 0, 100),
+            ("depth_baseline_m", 0, 0.5),
+            ("depth_turn_deg", 0, 10),
         ):
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")
@@ -112,8 +122,10 @@ class SimulationSettings:
         if len(self.hard) > self.frames / MIN_FRAMES_A_STRETCH:
             least = MIN_FRAMES_A_STRETCH * len(self.hard)
             raise ConfigError(f"{len(self.hard)} hard stretches need at least {least} frames, not {self.frames}")
-        if self.focal_px is not None and not 0.2 < self.focal_px / self.width < 20:
-            raise ConfigError(f"focal_px must be from {0.2 * self.width:g} to {20 * self.width:g}, not {self.focal_px}")
+        for key in ("focal_px", "depth_focal_px"):
+            focal = getattr(self, key)
+            if focal is not None and not 0.2 < focal / self.width < 20:
+                raise ConfigError(f"{key} must be from {0.2 * self.width:g} to {20 * self.width:g}, not {focal}")
 
     @property
     def camera(self) -> Camera:
@@ -123,3 +135,14 @@ class SimulationSettings:
         return Camera(
             f, f, *centre, self.width, self.height, 5000.0, radial_tangential_lens(*self.distortion), source="simulated"
         )
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera of depth; None where depth is on the pixels of the colour camera."""
+        if not (self.depth_baseline_m or self.depth_turn_deg or self.depth_focal_px):
+            return None
+        f = self.depth_focal_px or self.camera.fx
+        own = replace(self.camera, fx=f, fy=f, lens=PINHOLE)
+        turn = se3.exp_so3(np.radians(self.depth_turn_deg) * TURN_AXIS)
+        T_color_depth = se3.pose(turn, np.array([-self.depth_baseline_m, 0.0, 0.0]))
+        return DepthCamera(own, tuple(T_color_depth.ravel().tolist()))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, DepthNoise
-from miniloop_cli.scene.sequence import Scan, Trajectory
+from miniloop_cli.scene.sequence import DepthCamera, Scan, Trajectory
 from miniloop_cli.simulation import sensor
 from miniloop_cli.simulation.building import ROOM, T_WORLD_ROOM, build_scene
 from miniloop_cli.simulation.furniture import add_figure
@@ -44,7 +44,7 @@ class SimulatedFrame:
     stretches: tuple[str, ...] = ()  # what is hard about it
 
     def scan(self, camera: Camera) -> Scan:
-        """What `read_scan` returns for this frame, without its mask."""
+        """What `read_scan` returns for this frame where depth is registered, without its mask."""
         return Scan(self.color, self.depth.astype(np.float32) / np.float32(camera.depth_scale))
 
 
@@ -138,16 +138,20 @@ def _frame(
     row_s = settings.rolling_shutter_s * (np.arange(camera.height) / camera.height - 0.5)
     T_world_cam = path(np.array([t]))[0]
 
-    def image(time_s: float) -> tuple[NDArray, ...]:
+    def image(time_s: float, rays: Floats = rays, own: DepthCamera | None = None) -> tuple[NDArray, ...]:
         if figure is not None:
             scene[0][figure] = _figure_pose(path(np.array([time_s]))[0], time_s)
         if settings.scene == "turntable":  # the room rests where the camera does
             before, now = path(np.array([0.0, time_s]))
             scene[0][ROOM] = se3.inverse(now @ se3.inverse(before) @ T_WORLD_ROOM)
+        if own:
+            return render(rays, path(time_s + row_s) @ own.T_color_depth, 1 / own.camera.fx, scene)
         return render(rays, path(time_s + row_s), 1 / camera.fx, scene)
 
     light, depth_m, cosine, hit = image(t)
     stretches = ("blank",) if _share_blank(scene[-1], rays, T_world_cam, depth_m) > BLANK_SHARE else ()
+    if own := settings.depth_camera:
+        _, depth_m, cosine, _ = image(t, camera_rays(own.camera), own)
     if tick.blur_s > 0:
         samples = SHAKEN_SAMPLES if tick.blur_s > settings.blur_s else BLUR_SAMPLES
         exposure = tick.blur_s * (np.arange(samples) / (samples - 1) - 0.5)

@@ -128,7 +128,7 @@ def _write(folder: Path, settings: SimulationSettings, seed: int, progress: Prog
         rows = "".join(f"{stamp:.6f} {x:.6f} {y:.6f} {z:.6f}\n" for stamp, (x, y, z) in readings)
         text = f"# accelerometer data, camera axes\n# file: simulated by miniloop\n# timestamp ax ay az\n{rows}"
         (folder / "accelerometer.txt").write_text(text, encoding="utf-8")
-    save_camera(folder / "camera.yaml", settings.camera)
+    save_camera(folder / "camera.yaml", settings.camera, depth_camera=settings.depth_camera)
     record = asdict(settings) | {"distortion": list(settings.distortion), "hard": list(settings.hard), "seed": seed}
     (folder / MARKER).write_text(yaml.safe_dump(record, sort_keys=False), encoding="utf-8")
 

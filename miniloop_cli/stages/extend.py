@@ -16,6 +16,7 @@ from miniloop_cli.mapping.adjustment import (
     added_uncertainty,
     adjusted_locally,
     adjusted_together,
+    covariance_beside_the_map,
     known_points,
     shared_tracks,
     surprise,
@@ -114,7 +115,7 @@ def _extended(
     T[inside], covariance[new] = _adjusted(T, covariance, old.landmarks, tracks, inside, new, scans, settings, run)
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     piece = by_size(np.append(old.piece, placed.piece), of_part)
-    edges = EdgeTable.of([*old.edges.edges(), *placed.edges.edges()])
+    edges = EdgeTable.concatenated([old.edges, placed.edges])
     seen = landmarks(scans.points, T, tracks)
     return replace(old, T_world_cam=T, covariance=covariance, piece=piece, edges=edges, landmarks=seen)
 
@@ -130,6 +131,7 @@ def _placed(
     parts, last, n = (*before.parts, part), len(before.parts), int(before.first[-1])
     counts = [len(one) for one in parts]
     of_part = np.repeat(np.arange(len(parts)), counts)
+    old_piece = np.append(before.joined.piece, -1)[of_part]  # of each keyframe
     own = as_one_table(counts, [one.edges for one in parts], {})
     between = as_one_table(counts, [], {pair: edges for pair, edges in solved.items() if pair[1] == last})
     touched = np.unique(between.i)
@@ -137,7 +139,7 @@ def _placed(
     near = np.union1d(touched, inner[np.isin(inner, touched).any(axis=1)])
     near = near[near < n]
     chosen = np.concatenate([near, np.arange(n, len(scans))])
-    edges = EdgeTable.of([*own.edges(), *before.joined.edges.edges(), *between.edges()])
+    edges = EdgeTable.concatenated([own, before.joined.edges, between])
     edges = edges.subset(np.isin(edges.i, chosen) & np.isin(edges.j, chosen))
     edges = replace(edges, i=np.searchsorted(chosen, edges.i), j=np.searchsorted(chosen, edges.j))
     some = common_scans(parts, chosen)
@@ -158,7 +160,7 @@ def _placed(
         raise MustAdjustAll("its recordings were not adjusted together before")
     numbers = poses.component[is_new]
     main = np.bincount(numbers[numbers >= 0]).argmax()
-    beside = np.flatnonzero((poses.component == main) & ~is_new & (before.joined.piece[of_part[chosen]] == piece))
+    beside = np.flatnonzero((poses.component == main) & (old_piece[chosen] == piece))
     where = before.joined.T_world_cam[chosen[beside]]
     T = moved_onto(poses.T_world_cam[beside], where) @ poses.T_world_cam
     off = se3.inverse(where) @ T[beside]
@@ -170,9 +172,8 @@ def _placed(
     T_own = np.tile(np.eye(4), (len(chosen), 1, 1))
     T_own[is_new] = part.T_world_key
     T = whole_recordings(T_own, Poses(T, poses.component), np.flatnonzero(is_new), of_part[chosen])
-    inside = before.joined.piece[of_part[chosen[added.i]]] == piece
-    added = replace(added, i=chosen[added.i], j=chosen[added.j]).subset(inside)
-    return Placed(T[is_new], piece, near[before.joined.piece[of_part[near]] == piece], added)
+    added = replace(added, i=chosen[added.i], j=chosen[added.j])
+    return Placed(T[is_new], piece, near[old_piece[near] == piece], added.subset(old_piece[added.i] == piece))
 
 
 def _adjusted(
@@ -196,12 +197,12 @@ def _adjusted(
     if np.intersect1d(untied(seen.track, seen.frame, inside), np.flatnonzero(new)).size:
         raise MustAdjustAll("few points tie the new keyframes to it")
     jobs = run.workers.threads
-    local, points = adjusted_locally(T, seen, new, scans, settings.bundle, jobs)
+    local = adjusted_locally(T, seen, new, scans, settings.bundle, jobs)
     LOG.info("%d keyframes of the map share points with the new ones", int((local.active & ~new).sum()))
-    points = np.where(np.isfinite(points), points, known_points(known, tracks, first)[: len(points)])
-    certain = np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf)
-    fixed = int(certain.argmin())
-    after = adjusted_together(local.T_world_cam, points, seen, fixed, scans, settings.bundle, jobs)
+    points = known_points(known, tracks, first)[: len(local.points)]
+    points = np.where(np.isfinite(local.points), local.points, points)
+    fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
+    after, points = adjusted_together(local.T_world_cam, points, seen, fixed, scans, settings.bundle, jobs)
     old = np.flatnonzero(inside & ~new)
     moved = surprise(T[old], after[old], covariance[old])
     distance_cm = 100 * np.linalg.norm(T[old, :3, 3] - after[old, :3, 3], axis=1)
@@ -209,8 +210,8 @@ def _adjusted(
     if moved.max() > MAX_SURPRISE:
         raise MustAdjustAll(f"it moves by up to {distance_cm.max():.1f} cm, more than it thought possible")
     base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
-    own = local.covariance[new] + added_uncertainty(after[new], covariance[base], after[base])
-    return after[inside], own
+    own = covariance_beside_the_map(after, points, seen, new, scans, settings.bundle, jobs)
+    return after[inside], own + added_uncertainty(after[new], covariance[base], after[base])
 
 
 def _inliers(edges: EdgeTable) -> list[Ints]:

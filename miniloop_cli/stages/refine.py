@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
 from miniloop_cli.config import Bundle, Calibrate, Refinement
-from miniloop_cli.geometry.camera import Camera, Trust
+from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
+from miniloop_cli.refinement.lookup import LookUp, TwoCameras
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
@@ -33,16 +35,25 @@ def refine(
     run: Run,
     between: Between | None = None,
     calibrate: Calibrate = "auto",
+    look_up: LookUp | None = None,
 ) -> Refined:
     """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
 
     `vertical`: what an accelerometer says of it; the poses come out level then, z up. `between`: of a whole
     recording, whose keyframes the scans are; then the poses are those of all its frames. `calibrate`: whether the
-    recording is asked for its camera.
+    recording is asked for its camera; `look_up`: and for the depth camera beside it.
     """
+    depth_camera = scans.sequence.depth_camera
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
     inputs = Scans(
-        scans.features, scans.points, scans.stamps_s, scans.depth_stamps_s, scans.camera, scans.feature_type, vertical
+        scans.features,
+        scans.points,
+        scans.stamps_s,
+        scans.depth_stamps_s,
+        scans.camera,
+        scans.feature_type,
+        vertical,
+        TwoCameras(depth_camera, look_up) if look_up and depth_camera else None,
     )
     if method == "none" or not len(inside):
         from miniloop_cli.refinement.joint import level
@@ -86,12 +97,13 @@ def refine(
         bundle,
         between,
         *((scans.camera.trust,) if calibrated else ()),
+        *((depth_camera,) if inputs.two else ()),
     )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())
     landmarks = Landmarks(*(kept[name] for name in ("points", "point", "frame", "px")))
     poses = Poses(kept["T_world_cam"], kept["component"])
-    return Refined(poses, kept["covariance"], timing, landmarks, kept.get("velocity"), _calibration(kept, scans.camera))
+    return Refined(poses, kept["covariance"], timing, landmarks, kept.get("velocity"), _calibration(kept, inputs))
 
 
 def _columns(found: Calibration | None) -> Arrays:
@@ -102,9 +114,11 @@ def _columns(found: Calibration | None) -> Arrays:
     return columns | {"calibration": numbers}
 
 
-def _calibration(kept: Arrays, camera: Camera) -> Calibration | None:
+def _calibration(kept: Arrays, scans: Scans) -> Calibration | None:
     """What `_columns` keeps, of the camera that was given; None where the recording was not asked, or could not say."""
     if "theta" not in kept:
         return None
     theta, covariance, status = kept["theta"], kept["theta_covariance"], kept["theta_status"]
-    return Calibration(camera, theta, covariance, status, *kept["calibration"].tolist())
+    given = scans.two.given if scans.two else None
+    found = Calibration(scans.camera, theta, covariance, status, *kept["calibration"].tolist())
+    return replace(found, depth_given=given)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from miniloop_cli.config import Settings
 from miniloop_cli.features.retrieval import around
 from miniloop_cli.mapping.retrieval import most_similar
 from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.points import Matches
 from miniloop_cli.scene.scene_map import MapPart
 from miniloop_cli.stages.candidates import comparer
 from miniloop_cli.stages.keyframes import common_scans
@@ -18,7 +19,7 @@ from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.typing import Floats32, Ints, Pair
 
-MOST_COMPARED = 20  # keyframes of all earlier recordings that each is compared with
+MOST_COMPARED = 10  # keyframes of all earlier recordings that each is compared with; as many again around matches
 REACH = 2  # keyframes around both ends of a pair that matches, which are compared as well
 
 
@@ -40,13 +41,26 @@ def solve_between(parts: Sequence[MapPart], vectors: Floats32, settings: Setting
     compare = comparer(scans, settings.matching, run.workers)
     pairs = [(int(np.searchsorted(chosen, i)), j - n + m) for i, j in sorted(alike)]
     matches = compare(pairs)
-    near = {(i, j) for i, j in around(matches, len(scans), REACH) if i < m <= j} - set(pairs)
-    matches |= compare(sorted(near))
+    matches |= compare(_around(matches, set(pairs), m, len(scans)))
     # Every edge leads from one recording to the others, so that cycles have even lengths: odd ones are not looked for.
     even = settings.cycles.model_copy(update={"longest": settings.cycles.longest // 2 * 2})
     edges = solve_edges(matches, scans, settings.estimation._replace(cycles=even), run)
     edges = edges.subset(edges.open).inliers_only().rounded()
     return {(a, last): _of_pair(edges, chosen, first, a) for a in range(last)}
+
+
+def _around(matches: Matches, known: Set[Pair], m: int, count: int) -> list[Pair]:
+    """Pairs of scans (i, j), i < m <= j, next to those that match, sorted: at most MOST_COMPARED of each j on average.
+
+    Next to the most matches first: where everything looks at one place, a part of all pairs is enough.
+    """
+    best = dict[Pair, int]()
+    for pair, rows in matches.items():
+        for near in around([pair], count, REACH):
+            if near[0] < m <= near[1] and near not in known:
+                best[near] = max(best.get(near, 0), len(rows))
+    order = sorted(best, key=lambda pair: (-best[pair], pair))
+    return sorted(order[: MOST_COMPARED * (count - m)])
 
 
 def _of_pair(edges: EdgeTable, chosen: Ints, first: Ints, a: int) -> EdgeTable:

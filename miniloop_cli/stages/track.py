@@ -91,4 +91,5 @@ def _inputs(how: How, part: tuple[int, int]) -> Any:
     stamps_s = [frame.timestamp_s for frame in frames]
     cameras = (sequence.camera, [frame.camera for frame in frames])
     chosen = settings.model_dump(exclude={"enabled"})  # who asked for it changes nothing
-    return files, stamps_s, depth, chosen, cameras, sequence.depth_format, part
+    own = (sequence.depth_camera,) if sequence.depth_camera else ()
+    return files, stamps_s, depth, chosen, cameras, sequence.depth_format, part, *own

@@ -16,7 +16,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.conventions import CONVENTIONS
-from miniloop_cli.graph.visibility import in_view
+from miniloop_cli.graph.visibility import pairs_in_view
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.verdict import Rejection
@@ -36,15 +36,14 @@ def pairs_by_pose_prior(
     """
     count = len(T_world_cam)
     known = np.all(np.isfinite(T_world_cam), axis=(1, 2))
-    near = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= NEIGHBOURS
-    near |= ~known[:, None] | ~known
+    pairs = {(i, j) for i in range(count) for j in range(i + 1, min(i + NEIGHBOURS + 1, count))}
+    pairs |= {(min(i, j), max(i, j)) for i in np.flatnonzero(~known).tolist() for j in range(count) if i != j}
     scans = np.flatnonzero(known)
     depths = np.concatenate([np.zeros(0), *(points[int(k)].points_m[:, 2] for k in scans)])
     if len(depths):
         slack = np.radians(settings.max_deg) + np.arctan(settings.max_m / np.median(depths))
-        share = in_view(T_world_cam, scans, points, _widened(camera, slack))
-        near[np.ix_(scans, scans)] |= np.maximum(share, share.T) >= MIN_SHARE
-    return [(int(i), int(j)) for i, j in np.argwhere(near) if i < j]
+        pairs |= pairs_in_view(T_world_cam, scans, points, _widened(camera, slack), MIN_SHARE)
+    return sorted(pairs)
 
 
 def _widened(camera: Camera, slack_rad: float) -> Camera:

@@ -3,13 +3,15 @@
 Edges that contradict the poses each propose to move one of their scans, and what hangs on it, by a rigid motion. Those
 that propose the same motion are one alternative. A part of the scans is worth moving if the support that this wins
 comes near to what it loses: the edges that are cut. With the Laplacians L of the edges that agree with the poses and
-L' of the alternative's, both weighted by inliers, that is x'(s L - L')x < 0 for the indicator x of some part; where
-the lowest eigenvalue is not negative there is none. Else its eigenvector tells the part, by the best cut along it.
+L' of the alternative's, both weighted by inliers, the ratio of both is x'L'x / x'Lx for the indicator x of the part.
+No part reaches more than the largest ratio of any x, a generalised eigenvalue, and its vector x tells the part: by the
+best cut along it. It is the same however many scans hang on both sides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +21,12 @@ from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.typing import Bools, Floats, Ints
 from miniloop_cli.verification.second_modes import NEARLY
 
+if TYPE_CHECKING:
+    from scipy.sparse import coo_array
+
+Weighted = tuple[Ints, Ints, Floats]  # edges (i, j, weight)
 MOST_PROPOSALS = 400  # the strongest
-MOST_SCANS = 1500  # of a component: the eigenvector is found by dense algebra
+LOOSE = 1e-9  # of an edge's weight, at each scan: scans that no edge joins may move freely
 MOST_ALTERNATIVES = 5
 ALIKE = 3.0  # times the largest residual of an edge: motions that propose the same
 
@@ -62,7 +68,7 @@ def placements_elsewhere(
     `here`: edges that agree with the poses, `others`: that contradict them, all between the `scans`; `least`: inliers
     that an alternative needs.
     """
-    if not len(others) or len(scans) > MOST_SCANS:
+    if not len(others):
         return []
     if len(others) > MOST_PROPOSALS:
         others = others.subset(np.sort(np.argsort(-others.inlier_count, kind="stable")[:MOST_PROPOSALS]))
@@ -102,30 +108,60 @@ def _worst_cut(
     here_i, here_j = (np.searchsorted(scans, ends) for ends in (here.i, here.j))
     i, j = (np.searchsorted(scans, ends[alternative]) for ends in (others.i, others.j))
     lost, won = np.asarray(NEARLY * here.inlier_count, float), weight[alternative]
-    M = np.zeros((n, n))
-    for a, b, w in ((here_i, here_j, lost), (i, j, -won)):
-        np.add.at(M, (a, b), -w)
-        np.add.at(M, (b, a), -w)
-        np.add.at(M, (a, a), w)
-        np.add.at(M, (b, b), w)
-    values, vectors = np.linalg.eigh(M)
-    if values[0] >= 0:
-        return None
-    order = np.argsort(vectors[:, 0], kind="stable")
+    cuts = [
+        _best_cut(along, (here_i, here_j, lost), (i, j, won), forward[alternative], back[alternative], least)
+        for along in _large_ratios(n, (here_i, here_j, lost), (i, j, won)).T
+    ]
+    worth, part = max(cuts, key=lambda cut: cut[0], default=(-np.inf, scans[:0]))
+    return np.sort(scans[part]) if worth >= 0 else None
+
+
+def _best_cut(
+    along: Floats, lost: Weighted, won: Weighted, forward: Bools, back: Bools, least: int
+) -> tuple[float, Ints]:
+    """What the best part wins (may be negative), and the part: one end of the scans as sorted by `along` (n,).
+
+    Of both ends, the smaller one.
+    """
+    n = len(along)
+    order = np.argsort(along, kind="stable")
     place = np.empty(n, np.int64)
     place[order] = np.arange(n)
-    cut = _crossing(place[here_i], place[here_j], lost, n)
+    cut = _crossing(place[lost[0]], place[lost[1]], lost[2], n)
+    i, j, weight = won
     low, high = np.minimum(place[i], place[j]), np.maximum(place[i], place[j])
     i_low = place[i] < place[j]
-    low_moves = np.where(i_low, forward[alternative], back[alternative])
-    high_moves = np.where(i_low, back[alternative], forward[alternative])
-    gain = np.maximum(*(_crossing(low, high, won * moves, n) for moves in (low_moves, high_moves)))
+    low_moves, high_moves = np.where(i_low, forward, back), np.where(i_low, back, forward)
+    gain = np.maximum(*(_crossing(low, high, weight * moves, n) for moves in (low_moves, high_moves)))
     worth = np.where(gain >= least, gain - cut, -np.inf)
     best = int(worth.argmax())
-    if worth[best] < 0:
-        return None
-    part = order[: best + 1] if best + 1 <= n / 2 else order[best + 1 :]
-    return np.sort(scans[part])
+    return float(worth[best]), order[: best + 1] if best + 1 <= n / 2 else order[best + 1 :]
+
+
+def _large_ratios(n: int, cut: Weighted, won: Weighted) -> Floats:
+    """Vectors x (n, k) that span those whose x'L'x / x'Lx is 1 at least; L: Laplacian of `cut`, L' = B B': of `won`.
+
+    L' has few edges: the ratios are the eigenvalues of the small matrix B' L^-1 B. Among vectors of like ratio, those
+    come first that win most for their length, so that two joints of one part are found as one.
+    """
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import splu
+
+    A, B = _incidence(n, *cut).tocsr(), _incidence(n, *won).toarray()
+    L = A @ A.T + LOOSE * max(float(cut[2].max(initial=0.0)), 1.0) * eye_array(n)
+    X = splu(L.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(B)
+    ratios, vectors = np.linalg.eigh(B.T @ X)
+    Q = np.linalg.qr(X @ vectors[:, ratios >= 1])[0]
+    gains, turned = np.linalg.eigh((B.T @ Q).T @ (B.T @ Q) - (A.T @ Q).T @ (A.T @ Q))
+    return np.asarray(Q @ turned[:, np.argsort(-gains)])
+
+
+def _incidence(n: int, i: Ints, j: Ints, weight: Floats) -> coo_array:
+    """(n, m) matrix C of m weighted edges whose Laplacian is C C'."""
+    from scipy.sparse import coo_array
+
+    root, edge = np.sqrt(weight), np.arange(len(i))
+    return coo_array((np.concatenate([root, -root]), (np.concatenate([i, j]), np.tile(edge, 2))), shape=(n, len(i)))
 
 
 def _crossing(a: Ints, b: Ints, weight: Floats, n: int) -> Floats:

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 from command_line import contents, launch
@@ -77,3 +78,32 @@ def test_what_cannot_be_calibrated_is_one_line(tmp_path):
     assert done.returncode == 1 and done.stderr.count("\n") == 1 and "does not exist" in done.stderr
     assert not (tmp_path / "camera.yaml").exists()
     assert launch("register", tmp_path, "--calibrate", "perhaps").returncode == 2
+
+
+@pytest.mark.slow
+def test_a_depth_camera_that_is_a_guess_is_asked_for_and_everything_says_so(tmp_path):
+    """Colour and depth, both taken for the same camera, as 7-Scenes has them: it is 2.5 cm and 0.5 degrees beside."""
+    settings = SimulationSettings(
+        frames=16, width=320, height=240, path="xyz", depth_baseline_m=0.025, depth_turn_deg=0.5, depth_focal_px=292.5
+    )
+    room = write_sequence(tmp_path / "room", settings, seed=4)
+    guess = {"fx": 280.0, "fy": 280.0, "cx": 160.0, "cy": 120.0, "width": 320, "height": 240, "trust": "guess"}
+    beside = {"depth_camera": guess | {"T_color_depth": np.eye(4).tolist()}}
+    (tmp_path / "guess.yaml").write_text(yaml.safe_dump(guess | {"depth_scale": 5000} | beside))
+    errors = {}
+    for name, more in (("off", ["--calibrate", "off"]), ("auto", [])):
+        out = tmp_path / name
+        done = launch("register", room, "--camera", tmp_path / "guess.yaml", "-o", out, "-j", 1, *more)
+        assert done.returncode == 0, done.stderr
+        told = launch("eval", out, "--gt", room, "--json", "-")
+        errors[name] = json.loads(told.stdout)["ate_rmse_m"]
+    assert errors["auto"] < 0.5 * errors["off"] and errors["auto"] < 0.005
+    told = json.loads((tmp_path / "auto" / "summary.json").read_text())
+    numbers = told["calibration"]["parameters"]
+    assert numbers["depth_shift_x_m"]["value"] == pytest.approx(-0.025, abs=0.01)
+    assert numbers["depth_fx"]["value"] == pytest.approx(292.5, rel=0.02)
+    assert "two cameras" in told["timings_s"]
+    camera = yaml.safe_load((tmp_path / "auto" / "camera.yaml").read_text())
+    assert camera["depth_camera"]["fx"] == pytest.approx(numbers["depth_fx"]["value"], rel=1e-5)
+    assert "trust" not in camera["depth_camera"]
+    assert "depth_shift_x_m" in (tmp_path / "auto" / "report.html").read_text()

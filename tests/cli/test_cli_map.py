@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import shutil
 
 import numpy as np
@@ -16,6 +17,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.report.viewer.map_scene import load_map
 from miniloop_cli.report.viewer.matches import unpack_matches
 from miniloop_cli.report.viewer.shown import show_map
+from miniloop_cli.results.map_files import up_to_date
 from miniloop_cli.results.map_folder import manifest_hash, read_map
 from miniloop_cli.results.map_verdict import map_verdict
 from miniloop_cli.runtime.folder_lock import exclusive
@@ -202,6 +204,25 @@ def test_an_addition_that_ends_half_way_leaves_the_map_as_it_was(copy, recording
     with pytest.raises(MiniloopError, match="in the map already"):
         maps.add(copy, recordings["third"], jobs=1)
     assert len(poses(copy / "third").timestamps_s) == 6
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals that end a process")
+def test_additions_that_are_killed_lose_nothing(copy, recordings, shared, monkeypatch):
+    """By both signals, early and while the new map is written; `python -m benchmarks kills` does it a hundred times."""
+    from benchmarks.map_kills import SIGNALS, added, killed_once
+
+    monkeypatch.setenv("MINILOOP_CACHE", str(shared / "cache"))
+    whole = shutil.copytree(copy, copy.parent / "whole")
+    assert launch("add", whole, recordings["third"], "-j", 1, "-q").returncode == 0
+    after = manifest_hash(whole)
+    for k, (near_end, wait_s) in enumerate(((False, 1.0), (True, 0.0), (True, 0.05), (True, 0.2))):
+        folder = shutil.copytree(copy, copy.parent / f"killed{k}" / copy.name)
+        left = killed_once(folder, recordings["third"], after, SIGNALS[k % 2], wait_s, near_end)
+        said = added(folder, recordings["third"])
+        assert ("is in the map already" in said) == left.changed
+        assert manifest_hash(folder) == after
+        assert up_to_date(folder)
+        assert len(poses(folder / "third").timestamps_s) == 6
 
 
 def test_two_processes_do_not_change_one_map(copy, recordings):

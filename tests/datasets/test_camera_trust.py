@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from miniloop_cli.config import Settings
+from miniloop_cli.datasets import open_sequence
 from miniloop_cli.datasets.camera_files import read_camera_file
 from miniloop_cli.datasets.camera_trust import with_trust
 from miniloop_cli.datasets.intrinsics import default_camera, freiburg_camera, save_camera
@@ -12,13 +14,17 @@ from miniloop_cli.datasets.own_cameras import _from_common, with_camera
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, CameraParameters
+from miniloop_cli.geometry.lens import radial_tangential_lens
+from miniloop_cli.pipeline import asks_for_two_cameras
 from miniloop_cli.results.calibration import uncertainty
 from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Frame, Sequence
+from miniloop_cli.simulation.settings import SimulationSettings
+from miniloop_cli.simulation.write import write_sequence
 
 DRIVER = Camera(525.0, 525.0, 319.5, 239.5, 640, 480)
-THETA = np.array([0.01, 0.002, 3.0, -2.0, 0.1, -0.2, 0.001, -0.002, 0.1, 0.004, -0.006, 0.01, 0.003])
+THETA = np.array([0.01, 0.002, 3.0, -2.0, 0.1, -0.2, 0.001, -0.002, 0.1, 0.004, -0.006, 0.01, 0.003, *[0.0] * 8])
 
 
 @pytest.mark.parametrize(
@@ -97,3 +103,38 @@ def test_frames_of_their_own_camera_are_resampled_as_before(tmp_path):
     found = with_camera(sequence, new)
     assert found.camera == new and found.frames[1].camera is None
     np.testing.assert_allclose(_from_common(found.frames[0].camera, new), _from_common(own, DRIVER), atol=1e-9)
+
+
+def test_a_depth_camera_survives_its_file_and_is_read_with_the_recording(tmp_path):
+    settings = SimulationSettings(frames=2, width=64, height=48, depth_baseline_m=0.025, depth_turn_deg=0.5)
+    folder = write_sequence(tmp_path / "two", settings, 1)
+    own = settings.depth_camera
+    sequence = open_sequence(folder)
+    assert np.allclose(sequence.depth_camera.T_color_depth, own.T_color_depth, atol=1e-12)
+    assert sequence.depth_camera.camera.fx == own.camera.fx and not sequence.depth_camera.sees_as(sequence.camera)
+    assert any("a camera of its own" in note.text for note in sequence.notes)
+    guess = replace(own, camera=replace(own.camera, trust=Trust.GUESS, lens=radial_tangential_lens(0.1)))
+    save_camera(tmp_path / "guess.yaml", settings.camera, depth_camera=guess)
+    again = open_sequence(folder, camera_path=tmp_path / "guess.yaml").depth_camera
+    assert again.camera.trust == Trust.GUESS and again.camera.lens.named["k1"] == 0.1
+    assert asks_for_two_cameras(open_sequence(folder, camera_path=tmp_path / "guess.yaml"), Settings())
+    assert not asks_for_two_cameras(sequence, Settings())
+    assert asks_for_two_cameras(sequence, Settings(calibrate="on"))
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("depth_camera: 3", "four rows of four numbers"),
+        ("depth_camera: {fx: 500, T_color_depth: [1, 2]}", "must be four rows of four numbers"),
+        ("depth_camera: {fx: 500, T_color_depth: [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}", "must be a rotation"),
+        ("depth_camera: {fx: 500, T_color_depth: [[1,0,0,25],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}", "shift in metres"),
+        ("depth_camera: {fx: 500, T_color_depth: [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}", "fy, cx, cy"),
+        ("depth_camera: {fd: 500, T_color_depth: [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}", "unknown key 'fd'"),
+    ],
+)
+def test_impossible_depth_cameras_are_refused(tmp_path, lines, said):
+    text = "fx: 525.0\nfy: 525.0\ncx: 319.5\ncy: 239.5\nwidth: 640\nheight: 480\ndepth_scale: 5000\n"
+    (tmp_path / "camera.yaml").write_text(f"{text}{lines}\n")
+    with pytest.raises(ConfigError, match=said):
+        read_camera_file(tmp_path / "camera.yaml")

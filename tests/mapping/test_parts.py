@@ -153,3 +153,4 @@ def test_features_of_a_calibrated_run_are_those_of_the_new_camera():
     np.testing.assert_allclose(kept.z_m, corrected, rtol=1e-9)
     assert np.nanmax(np.abs(kept.z_m - z_m)) > 0.003 and np.isnan(kept.z_m[:5]).all()
     assert by_calibration(kept, None) is kept
+    assert by_calibration(kept, replace(found, beforehand=True)) is kept  # extracted with the new camera already

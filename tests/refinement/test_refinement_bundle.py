@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refinement_scenes import CAMERA, errors, perturbed, scene
+from refinement_scenes import CAMERA, errors, perturbed, scene, tangent
 from scipy.optimize import least_squares
 
 from miniloop_cli.geometry.se3 import exp_so3, inverse, pose, transform
@@ -204,6 +204,21 @@ def test_pieces_do_not_disturb_each_other():
     for one in np.split(all_of_them.T_world_cam, pieces):
         np.testing.assert_allclose(one, alone.T_world_cam, atol=1e-8)
     np.testing.assert_allclose(all_of_them.covariance[:20], alone.covariance, rtol=1e-3, atol=1e-10)
+
+
+def test_held_frames_stay_and_the_others_find_their_places():
+    """As if the held poses were known: with noise, the free ones are nearer to the truth than what they promise."""
+    rng = np.random.default_rng(3)
+    S = scene(rng, n=8, points=200, sigma_px=0.5, depth_sigmas=1.0)
+    held = np.arange(8) < 5
+    start = np.where(held[:, None, None], S.T, perturbed(S.T, rng, 0.5, 0.02))
+    found = bundle_adjust(start, *S.observations, CAMERA, BundleSettings(), held=held)
+    assert np.abs(found.T_world_cam[held] - S.T[held]).max() < 1e-13
+    assert held[found.fixed_frame] and not found.covariance[held].any()
+    off = tangent(inverse(found.T_world_cam[~held]) @ S.T[~held])
+    assert np.abs(off).max() < 0.005
+    chi2 = np.einsum("ki,ki->k", off, np.linalg.solve(found.covariance[~held], off[..., None])[..., 0])
+    assert (chi2 < 25).all()
 
 
 def test_frames_that_nothing_ties_stay():

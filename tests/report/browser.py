@@ -115,12 +115,13 @@ class Browser:
     def settle(self):
         """Waits until the view has been drawn at rest."""
         self.run("new Promise(done => setTimeout(done, 350))")
-        self.until("!document.getElementById('viewer').view.stage.pending")
+        self.until("(({ stage, pace }) => !pace.moving && !stage.pending)(document.getElementById('viewer').view)")
 
     def pixels(self):
         """What the canvas shows, as an RGBA array."""
         size = self.run(
-            "(() => { const { stage } = document.getElementById('viewer').view; stage.draw(performance.now());"
+            "(() => { const { stage } = document.getElementById('viewer').view; stage.sharpen(1);"
+            "stage.draw(performance.now());"
             "const gl = stage.renderer.getContext(); const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];"
             "const data = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, data);"
             "let text = ''; for (let k = 0; k < data.length; k += 32768)"

@@ -51,7 +51,7 @@ class _Page:
 
     def settle(self):
         self.run("new Promise(done => setTimeout(done, 350))")
-        self.until("!document.getElementById('viewer').view.stage.pending")
+        self.until("(({ stage, pace }) => !pace.moving && !stage.pending)(document.getElementById('viewer').view)")
 
     def click(self, x, y):
         self.actions([self.move(x, y), {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}])

@@ -48,6 +48,14 @@ def test_a_subset_is_the_table_of_these_edges(edges, data):
     assert same(table.subset(np.flatnonzero(mask)), table.subset(mask))
 
 
+@given(some_edges, st.data())
+def test_tables_are_one_table(edges, data):
+    of = data.draw(st.lists(st.integers(0, 2), min_size=len(edges), max_size=len(edges)))
+    tables = [EdgeTable.of([e for e, k in zip(edges, of, strict=True) if k == table]) for table in range(3)]
+    found, expected = EdgeTable.concatenated(tables), EdgeTable.of(edges)
+    assert same(found, expected) or not edges
+
+
 @given(some_edges)
 def test_a_rejected_edge_keeps_its_first_reason(edges):
     table = EdgeTable.of(edges)

@@ -17,9 +17,9 @@ N = 20
 SHIFT = se3.pose(se3.exp_so3(np.array([0.0, 2.0, 0.0])), np.array([1.5, 0.0, 0.5]))
 
 
-def path():
-    angle = 0.15 * np.arange(N)[:, None] * [0.0, 1.0, 0.0]
-    return se3.pose(se3.exp_so3(angle), 0.3 * np.arange(N)[:, None] * [1.0, 0.0, 0.2])
+def path(count=N):
+    angle = 0.15 * np.arange(count)[:, None] * [0.0, 1.0, 0.0]
+    return se3.pose(se3.exp_so3(angle), 0.3 * np.arange(count)[:, None] * [1.0, 0.0, 0.2])
 
 
 def said(T, i, j, inliers):
@@ -29,7 +29,7 @@ def said(T, i, j, inliers):
 
 
 def chain(T, inliers=50, reach=2):
-    return [said(T, i, j, inliers) for i in range(N) for j in range(i + 1, min(i + reach + 1, N))]
+    return [said(T, i, j, inliers) for i in range(len(T)) for j in range(i + 1, min(i + reach + 1, len(T)))]
 
 
 def doubts(T, here, others, scans=None):
@@ -53,6 +53,15 @@ def test_a_part_that_fits_elsewhere_nearly_as_well_is_named(moved):
         f"{len(moved)} frames from {10 * moved[0]} to {10 * moved[-1]} fit elsewhere nearly as well"
     )
     assert "120 matches of 4 pairs agree with that, 150 of 3 join them" in words
+
+
+def test_a_part_of_a_long_recording_is_named_too():
+    T, elsewhere = path(2000), path(2000)
+    elsewhere[1300:] = SHIFT @ elsewhere[1300:]
+    others = [said(elsewhere, 1300 - a, 1300 + b, 30) for a, b in [(1, 0), (2, 1), (3, 2), (1, 3)]]
+    (found,) = doubts(T, chain(T), others, np.arange(2000))
+    assert set(found.scans) == set(range(1300, 2000))
+    assert doubts(T, chain(T), others[:2], np.arange(2000)) == []
 
 
 def test_motions_that_are_their_own_inverse_count_from_both_ends():

@@ -7,13 +7,10 @@ export class Beside {
   constructor(positions, frames, color, stage) {
     this.object = new Group();
     const along = [], across = [];
-    let last = null, recording = 0;
+    for (const [a, b] of frames.steps())
+      if (positions[a] && positions[b]) along.push(...positions[a], ...positions[b]);
     positions.forEach((position, k) => {
-      if (!position) return;
-      if (last && frames.recording(k) === recording) along.push(...last, ...position);
-      recording = frames.recording(k);
-      if (frames.position(k)) across.push(...position, ...frames.position(k));
-      last = position;
+      if (position && frames.position(k)) across.push(...position, ...frames.position(k));
     });
     const shade = lines => Array.from({ length: lines.length / 3 }, () => color).flat();
     if (along.length) this.object.add(broad(along, shade(along), 2));

@@ -2,6 +2,7 @@
 import { Quaternion, Vector3 } from "three";
 import { known, quantile } from "./format.js";
 
+const MOST_STEPS = 2000; // of the path: more broad lines cost more than all points
 const UNKNOWN_CAMERA = { left: 0.5, right: 0.5, top: 0.4, bottom: 0.4, width: 640, height: 480 };
 
 export class Frames {
@@ -50,13 +51,17 @@ export class Frames {
     return [at, ...corners.map(([x, y]) => new Vector3(x, y, 1).multiplyScalar(size).applyQuaternion(q).add(at))];
   }
 
-  /** Pairs of frames that follow each other within a piece of a recording. */
+  /** Pairs of frames that follow each other within a piece of a recording; of very many frames only some. */
   steps() {
-    const last = new Map(), found = [];
+    const every = Math.ceil(this.placed.length / MOST_STEPS), parts = new Map(), found = [];
     for (const k of this.placed) {
       const part = `${this.columns.piece[k]} ${this.recording(k)}`;
-      if (last.has(part)) found.push([last.get(part), k]);
-      last.set(part, k);
+      if (!parts.has(part)) parts.set(part, []);
+      parts.get(part).push(k);
+    }
+    for (const members of parts.values()) {
+      const shown = members.filter((_, at) => at % every === 0 || at === members.length - 1);
+      for (let at = 1; at < shown.length; at++) found.push([shown[at - 1], shown[at]]);
     }
     return found;
   }

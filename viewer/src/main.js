@@ -24,6 +24,7 @@ import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
 import { fromBase64, unpackMatches } from "./unpack.js";
 
+const LINK_MS = 250;
 const CLICK_PX = 5; // a pointer that moved farther turned the view
 
 const part = name => document.getElementById(`v-${name}`);
@@ -97,7 +98,9 @@ async function start(viewer) {
   };
   for (const name of ["edge-mode", "edge-color"]) part(name).addEventListener("change", showEdges);
 
+  let linking = null;
   selection.followers.push(({ frame, edge }) => {
+    pace.moved(); // whoever steps through the frames must not wait for the whole model
     cameras.select(frame);
     edges.frame = frame;
     edges.select(edge);
@@ -105,7 +108,7 @@ async function start(viewer) {
     if (frame !== null) {
       panel.frame(frame);
       timeline.show(frame);
-      say(`Frame ${frames.name(frame)} selected. ${part("details").querySelector("dl")?.innerText.replace(/\n/g, " ") ?? ""}`);
+      say(`Frame ${frames.name(frame)} selected. ${panel.read()}`);
     } else if (edge !== null) {
       panel.edge(edge);
       say(`Edge ${edges.name(edge)} selected, ${panel.line(edge)}.`);
@@ -114,7 +117,9 @@ async function start(viewer) {
       timeline.show(null);
       say("Nothing selected.");
     }
-    writeLink({ frame, edge: edge === null ? null : [scene.edges.i[edge], scene.edges.j[edge]] });
+    // Once one stays: browsers forbid an address that changes with every picture.
+    clearTimeout(linking);
+    linking = setTimeout(() => writeLink({ frame, edge: edge === null ? null : [scene.edges.i[edge], scene.edges.j[edge]] }), LINK_MS);
   });
 
   const modes = { orbit: () => navigation.use("orbit"), walk: () => navigation.use("walk"), plan: () => navigation.floorPlan() };
@@ -166,6 +171,7 @@ async function start(viewer) {
   });
 
   part("link").addEventListener("click", async () => {
+    clearTimeout(linking);
     const edge = selection.edge === null ? null : [scene.edges.i[selection.edge], scene.edges.j[selection.edge]];
     const address = writeLink({ frame: selection.frame, edge, eye: navigation.place });
     try {

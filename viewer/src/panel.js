@@ -28,6 +28,11 @@ export class Panel {
     return this.make("dl", shown.flatMap(([name, value]) => [this.make("dt", name), this.make("dd", String(value))]));
   }
 
+  /** The facts that are shown, as one line. */
+  read() {
+    return [...(this.element.querySelector("dl")?.children ?? [])].map(part => part.textContent).join(" ");
+  }
+
   nothing() {
     this.element.replaceChildren(this.make("p", "Click a camera or an edge, or step through the frames below."));
   }

@@ -57,12 +57,19 @@ export class Tiles {
       if (!tile.points || left <= 0) continue;
       tile.points.visible = true;
       tile.seen = this.turn;
-      left -= tile.end - tile.begin;
-      finest = Math.min(finest, tile.spacing);
+      // Points of a tile are coarse first, too: a part of them is all of it, less dense.
+      const all = tile.end - tile.begin;
+      tile.drawn = Math.min(all, left);
+      tile.points.geometry.setDrawRange(0, tile.drawn);
+      left -= tile.drawn;
+      finest = Math.min(finest, tile.spacing * Math.sqrt(all / tile.drawn));
     }
     // Among finer points, coarse ones are drawn as small as these, though not everywhere are there finer ones.
     for (const tile of this.held)
-      if (tile.points.visible) spread(tile.points, Math.max(finest, tile.spacing / 4), this.stage);
+      if (tile.points.visible) {
+        const own = tile.spacing * Math.sqrt((tile.end - tile.begin) / tile.drawn);
+        spread(tile.points, Math.max(finest, own / 4), this.stage);
+      }
     this.pace.drawn(this.pace.budget() - left, this.count);
     this.fetch(seen);
   }

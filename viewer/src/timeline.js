@@ -7,12 +7,22 @@ export class Timeline {
     Object.assign(this, { ...elements, frames, choose, current: null });
     this.slider.max = Math.max(frames.count - 1, 0);
     this.slider.value = 0;
-    this.slider.addEventListener("input", () => choose(Number(this.slider.value)));
+    this.slider.addEventListener("input", () => this.slide());
     this.previous.addEventListener("click", () => this.step(-1));
     this.next.addEventListener("click", () => this.step(1));
     this.play.addEventListener("click", () => this.toggle());
     for (const control of [this.slider, this.previous, this.next, this.play]) control.disabled = frames.count < 2;
     this.show(null);
+  }
+
+  /** One frame a picture, however fast the slider moves. */
+  slide() {
+    if (this.sliding) return;
+    this.sliding = true;
+    requestAnimationFrame(() => {
+      this.sliding = false;
+      this.choose(Number(this.slider.value));
+    });
   }
 
   step(by) {

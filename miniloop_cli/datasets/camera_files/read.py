@@ -19,10 +19,11 @@ from miniloop_cli.datasets.camera_files import (
 )
 from miniloop_cli.datasets.camera_files.fields import Fields, Reading, Size
 from miniloop_cli.datasets.camera_files.text import parse_mapping, read_text
-from miniloop_cli.datasets.intrinsics import REQUIRED, make_camera
+from miniloop_cli.datasets.intrinsics import REQUIRED, depth_camera_of, make_camera
 from miniloop_cli.datasets.paths import shown
 from miniloop_cli.errors import ConfigError, InputError
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.sequence import DepthCamera
 
 
 class Format(NamedTuple):
@@ -86,6 +87,15 @@ def read_camera_file(
         values["depth_scale"] = depth_scale
         notes.append(f"it states no depth scale: {depth_scale:g} units a metre are assumed")
     return replace(make_camera(values, where, f"{source} ({'; '.join(notes)})"), depth_scale_assumed=assumed)
+
+
+def read_depth_camera(path: Path, camera: Camera) -> DepthCamera | None:
+    """The depth camera that a camera file names beside the colour camera, which it gave; None where it names none.
+
+    Only our own format does. Raises as `read_camera_file`.
+    """
+    found = _recognise(read_text(path), path, shown(path), (camera.width, camera.height))
+    return depth_camera_of(found, camera, shown(path)) if isinstance(found, dict) else None
 
 
 def _recognise(text: str, path: Path, where: str, size: Size | None) -> dict[str, Any] | tuple[str, Reading]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from miniloop_cli.datasets.numbered import (
     given_camera,
@@ -11,10 +14,11 @@ from miniloop_cli.datasets.numbered import (
 from miniloop_cli.datasets.pairing import pair
 from miniloop_cli.datasets.stream import named_stream
 from miniloop_cli.geometry.camera import Camera, Trust
-from miniloop_cli.scene.sequence import DepthFormat, Note, NoteKind, Sequence, Trajectory
+from miniloop_cli.geometry.lens import PINHOLE
+from miniloop_cli.scene.sequence import DepthCamera, DepthFormat, Note, NoteKind, Sequence, Trajectory
 
 SOURCE = "7-Scenes' default (585 585 320 240)"
-UNREGISTERED = "7-Scenes' depth is not registered to colour; expect errors of some centimetres"
+UNREGISTERED = "7-Scenes' depth is not registered to colour, and both cameras are guesses (docs/calibration.md)"
 
 
 class SevenScenes:
@@ -28,13 +32,14 @@ class SevenScenes:
         """The sequence in `root`. Raises InputError."""
         color = named_stream(root, ".", (".color.png", ".color.jpg"))
         found = pair(root, color, named_stream(root, ".", (".depth.png",)))
-        camera = given_camera(root, camera_path, found.frames) or Camera(
-            585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE, trust=Trust.GUESS
-        )
+        default = Camera(585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE, trust=Trust.GUESS)
+        camera = given_camera(root, camera_path, found.frames) or default
+        # Until it is known better it is taken to stand where the colour camera does.
+        own = DepthCamera(replace(camera, lens=PINHOLE, trust=Trust.GUESS), tuple(np.eye(4).ravel().tolist()))
         truth = root if any(root.glob("frame-*.pose.txt")) else None
         notes = (*found.notes, Note(NoteKind.ASSUMED, UNREGISTERED))
         form = DepthFormat(no_reading=(65535,))
-        return Sequence(root.name, root, camera, found.frames, truth, notes, found.available, form)
+        return Sequence(root.name, root, camera, found.frames, truth, notes, found.available, form, depth_camera=own)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The poses of the .pose.txt files, camera to world; frames whose pose is not finite are left out."""

@@ -1,0 +1,62 @@
+"""Depth that is looked up by way of a depth camera of its own: readings that depend on where the two cameras stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from miniloop_cli.geometry import depth_camera_parameters as of_two
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA, OF_PIXELS, CameraParameters
+from miniloop_cli.scene.sequence import DepthCamera
+from miniloop_cli.typing import Bools, Floats, Ints
+
+# Depths (k,) m or NaN and slopes (k, 2) m/px at pixels (k, 2) of frames (k,), with depth registered to colour.
+LookUp = Callable[[Camera, DepthCamera, Ints, Floats], tuple[Floats, Floats]]
+
+
+class Lookup(NamedTuple):
+    """How readings (k,) change with the parameters: by_theta (len(NAMES), k), looked up at `theta`."""
+
+    theta: Floats
+    by_theta: Floats
+
+    def step(self, theta: Floats) -> Floats:
+        """(k,) m, to first order."""
+        return np.asarray((theta - self.theta) @ self.by_theta, float)
+
+    def subset(self, rows: Ints | Bools) -> Lookup:
+        """Those of the rows (indices or a mask)."""
+        return Lookup(self.theta, self.by_theta[:, rows])
+
+
+@dataclass(frozen=True)
+class TwoCameras:
+    """A depth camera that is known but roughly, and where its readings are looked up."""
+
+    given: DepthCamera
+    look_up: LookUp
+
+    def at(self, parameters: CameraParameters) -> DepthCamera:
+        """The depth camera with the steps taken."""
+        return with_steps(self.given, parameters.of_depth_camera)
+
+    def readings(self, parameters: CameraParameters, frame: Ints, px: Floats) -> tuple[Floats, Floats, Lookup]:
+        """Depths (k,) m or NaN, slopes (k, 2) m/px at measured pixels (k, 2) of frames (k,), and how they depend."""
+        own, color = self.at(parameters), parameters.camera
+        z_m, slope = self.look_up(color, own, frame, px)
+        X = color.backproject(color.undistort(px), np.where(np.isfinite(z_m), z_m, 1.0))
+        by_theta = np.zeros((len(NAMES), len(px)))
+        # A step of the colour camera shifts the surface in its image, and another part of it is read.
+        by_theta[:OF_PIXELS] = -np.einsum("ki,ijk->jk", slope, parameters.project(X.T).by_parameters)
+        by_theta[OF_ONE_CAMERA:] = of_two.reading_slopes(X, slope, color, own.camera, own.T_color_depth)
+        return z_m, slope, Lookup(parameters.theta, np.where(np.isfinite(z_m), by_theta, 0.0))
+
+
+def with_steps(given: DepthCamera, step: Floats) -> DepthCamera:
+    """The depth camera with the steps (8,) taken."""
+    camera, T = of_two.moved(given.camera, given.T_color_depth, step)
+    return DepthCamera(camera, tuple(T.ravel().tolist()))

@@ -1,0 +1,113 @@
+"""New keyframes adjusted to a map: the map's own stay where they are unless they must move, and covariances add up."""
+
+from dataclasses import replace
+
+import numpy as np
+from map_scenes import CAMERA, small_map, small_part, some_pose
+
+from miniloop_cli.config import Bundle
+from miniloop_cli.geometry import se3
+from miniloop_cli.mapping.adjustment import (
+    Observations,
+    added_uncertainty,
+    adjusted_locally,
+    adjusted_together,
+    covariance_beside_the_map,
+    known_points,
+    surprise,
+)
+from miniloop_cli.mapping.tracks import extended_tracks, matches_of_points
+from miniloop_cli.stages.keyframes import common_scans
+
+SAME = np.repeat(np.arange(120)[:, None], 2, axis=1)  # every keyframe of a small part sees the same points, in order
+
+
+def seven():
+    """A map of four keyframes, then three more that see the same points; all exactly."""
+    part = small_part(keyframes=7)
+    points = small_map().joined.landmarks
+    scans = common_scans([part])
+    first = 120 * np.arange(8)
+    pairs = [(3, 4), (2, 4), (4, 5), (3, 5), (5, 6), (4, 6)]
+    return part.T_world_key, points, scans, first, extended_tracks(points, first, np.array(pairs), [SAME] * len(pairs))
+
+
+def test_points_become_the_matches_that_they_were_made_of():
+    points = small_map().joined.landmarks
+    pairs, matches = matches_of_points(points, 120 * np.arange(5))
+    assert pairs.tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert all(np.array_equal(rows, SAME) for rows in matches)
+    none = replace(points, of_feature=np.full(480, -1))
+    assert matches_of_points(none, 120 * np.arange(5))[0].shape == (0, 2)
+
+
+def test_new_matches_lengthen_tracks_and_contradict_none():
+    _, points, _, first, tracks = seven()
+    assert tracks.count == 120 and len(tracks.track) == 7 * 120
+    wrong = np.stack([np.arange(120), np.roll(np.arange(120), 1)], axis=1)
+    both = extended_tracks(points, first, np.array([[0, 4], [3, 4]]), [wrong[:50], SAME])
+    of = {(f, k): t for f, k, t in zip(both.frame, both.feature, both.track, strict=True)}
+    assert all(of[0, k] == of[3, k] for k in range(120)), "points of the map are not torn apart"
+    assert all(of[4, k] == of[3, k] for k in range(120)), "many matches are believed before few"
+    assert both.dropped_matches == 50
+
+
+def test_only_what_shares_points_moves(rng):
+    T, points, scans, first, tracks = seven()
+    new = np.arange(7) >= 4
+    off = T.copy()
+    off[new] = T[new] @ np.array([some_pose(rng, 0.01, 0.01) for _ in range(3)])
+    seen = Observations.of(tracks, scans, 3)
+    # Keyframes 0 and 1 see other points than the new ones.
+    apart = seen.subset(~((seen.frame < 2) & (seen.track >= 5)) & ~((seen.frame >= 4) & (seen.track < 5)))
+    found = adjusted_locally(off, apart, new, scans, Bundle(), 1)
+    where = found.points
+    assert found.active.tolist() == [False, False, True, True, True, True, True]
+    assert np.abs(found.T_world_cam[:2] - off[:2]).max() < 1e-14
+    assert np.abs(found.T_world_cam - T).max() < 1e-5
+    there = known_points(points, tracks, first)
+    assert np.nanmax(np.abs(there - where)) < 1e-3
+    together, where = adjusted_together(found.T_world_cam, where, seen, 0, scans, Bundle(), 1)
+    assert np.abs(together[0] - T[0]).max() < 1e-14
+    assert np.abs(together - T).max() < 1e-5
+
+
+def test_new_keyframes_promise_what_their_errors_are():
+    """Pixels and depths with noise, the map as it is: errors of the new poses against their covariances."""
+    T, _, scans, _, tracks = seven()
+    new, chi2 = np.arange(7) >= 4, []
+    exact = Observations.of(tracks, scans, 3)
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        z = exact.z_m + CAMERA.noise.sigma_m(exact.z_m) * rng.normal(size=len(exact.z_m))
+        px = exact.px_ideal + 0.3 * rng.normal(size=exact.px_ideal.shape)
+        seen = replace(exact, px_ideal=px, z_m=np.where(new[exact.frame], z, exact.z_m))
+        found = adjusted_locally(T, seen, new, scans, Bundle(), 1)
+        T_new = np.where(new[:, None, None], found.T_world_cam, T)
+        C = covariance_beside_the_map(T_new, found.points, seen, new, scans, Bundle(), 1)
+        E = se3.inverse(T_new[new]) @ T[new]
+        xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
+        chi2 += np.einsum("ki,ki->k", xi, np.linalg.solve(C, xi[..., None])[..., 0]).tolist()
+    assert 2 < np.median(chi2) < 14  # of 6 degrees of freedom, by a jackknife of few parts
+
+
+def test_a_move_is_measured_in_standard_deviations():
+    C = np.diag([1e-4, 1e-4, 1e-4, 4e-4, 4e-4, 4e-4])[None]
+    moved = np.eye(4)[None].copy()
+    moved[0, :3, 3] = 0.06, 0, 0
+    assert np.isclose(surprise(np.eye(4)[None], moved, C)[0], 9.0, rtol=0.01)
+    exact = np.zeros((1, 6, 6))
+    moved[0, 0, 3] = 1e-5
+    assert surprise(np.eye(4)[None], moved, exact)[0] < 0.01, "what rounding moves is no surprise"
+
+
+def test_uncertainty_of_a_neighbour_is_carried_to_a_new_keyframe(rng):
+    """Against drawn errors: the new keyframe moves with its neighbour, exactly."""
+    A, B, L = some_pose(rng), some_pose(rng), 0.01 * rng.normal(size=(6, 6))
+    C = L @ L.T
+    drawn = np.linalg.cholesky(C + 1e-12 * np.eye(6)) @ rng.normal(size=(6, 20000))
+    moved = A @ se3.pose(se3.exp_so3(drawn[:3].T), drawn[3:].T)
+    E = se3.inverse(B) @ moved @ se3.inverse(A) @ B
+    xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
+    promised = added_uncertainty(B[None], C, A)[0]
+    assert np.allclose(np.cov(xi.T), promised, atol=0.05 * np.abs(promised).max())

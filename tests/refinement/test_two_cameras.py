@@ -1,0 +1,123 @@
+"""Depth of a camera of its own: what is read where, how that depends on where it stands, and that it is found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.experiments.known_two_cameras import OWN, Room, calibrated, drawn, room
+from miniloop_cli.config import Depth
+from miniloop_cli.features.ray_depth import depth_on_rays
+from miniloop_cli.geometry import depth_camera_parameters as of_two
+from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera, Trust
+from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA, CameraParameters
+from miniloop_cli.geometry.depth_registration import register_depth
+from miniloop_cli.refinement.camera_priors import prior_sigmas
+from miniloop_cli.refinement.lookup import TwoCameras, with_steps
+from miniloop_cli.scene.calibration import Calibration, Status
+from miniloop_cli.scene.sequence import DepthCamera
+
+COLOR = Camera(520.0, 522.0, 318.0, 243.0, 640, 480, trust=Trust.GUESS)
+STEP = np.array([0.03, 4.0, -6.0, 0.01, -0.007, 0.004, -0.025, 0.01])
+
+
+def slanted(own: Camera, T_color_depth, normal, distance):
+    """Depth image of the plane normal . x = distance in the frame of colour, and depth along rays of colour."""
+    v, u = np.mgrid[0 : own.height, 0 : own.width]
+    rays = own.backproject(np.stack([u.ravel(), v.ravel()], 1).astype(float), np.ones(u.size))
+    R, t = T_color_depth[:3, :3], T_color_depth[:3, 3]
+    z = (distance - normal @ t) / (rays @ R.T @ normal)
+    return z.reshape(own.height, own.width).astype(np.float32)
+
+
+@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [0.35, -0.2, 0.9], [-0.1, 0.4, 0.9]])
+def test_depth_on_rays_is_where_they_meet_the_plane_and_what_registering_gives(normal):
+    normal = np.array(normal) / np.linalg.norm(normal)
+    own, T = of_two.moved(OWN.camera, np.eye(4), STEP)
+    depth_m = slanted(own, T, normal, 1.8)
+    px = np.random.default_rng(1).uniform([40, 40], [600, 440], (400, 2))
+    z_m, slope = depth_on_rays(depth_m, px, COLOR, DepthCamera(own, tuple(T.ravel())), Depth())
+    true_m = 1.8 / (COLOR.backproject(px, np.ones(400)) @ normal)
+    told = np.isfinite(z_m)
+    assert told.mean() > 0.9
+    np.testing.assert_allclose(z_m[told], true_m[told], rtol=1e-5)
+    right = np.array([1.0, 0.0])
+    ahead, behind = (1.8 / (COLOR.backproject(px + step, np.ones(400)) @ normal) for step in (right, -right))
+    inside = told & (slope[:, 0] != 0)  # at the end of the image there is none
+    assert inside.mean() > 0.9 or normal[0] == 0
+    np.testing.assert_allclose(slope[inside, 0], (ahead - behind)[inside] / 2, atol=2e-5)
+    registered = register_depth(depth_m, own, COLOR, T)
+    x, y = np.rint(px).astype(int).T
+    at_pixel, _ = depth_on_rays(
+        depth_m, np.stack([x, y], 1).astype(float), COLOR, DepthCamera(own, tuple(T.ravel())), Depth()
+    )
+    both = np.isfinite(at_pixel) & (registered[y, x] > 0)
+    assert both.mean() > 0.9
+    np.testing.assert_allclose(at_pixel[both], registered[y, x][both], rtol=1e-4)
+
+
+def test_nothing_is_read_beside_an_edge_or_in_a_hole():
+    depth_m = np.full((480, 640), 2.0, np.float32)
+    depth_m[:, 300:400] = 1.0
+    depth_m[200:220] = 0.0
+    same = DepthCamera(replace(COLOR), tuple(np.eye(4).ravel()))
+    px = np.array([[100.0, 100.0], [350.0, 100.0], [299.5, 100.0], [350.0, 210.0], [639.5, 100.0]])
+    z_m, slope = depth_on_rays(depth_m, px, COLOR, same, Depth())
+    np.testing.assert_allclose(z_m, [2.0, 1.0, np.nan, np.nan, np.nan])
+    assert not slope[:2].any()
+
+
+def test_readings_move_as_is_said():
+    normal = np.array([0.3, -0.25, 0.9])
+    normal /= np.linalg.norm(normal)
+    given = DepthCamera(OWN.camera, tuple(se3.pose(np.eye(3), np.array([-0.02, 0.0, 0.0])).ravel()))
+    depth_m = slanted(given.camera, given.T_color_depth, normal, 2.0)
+    px = np.random.default_rng(2).uniform([80, 80], [560, 400], (300, 2))
+    frame = np.zeros(300, int)
+    two = TwoCameras(given, lambda color, own, _, px: depth_on_rays(depth_m, px, color, own, Depth()))
+    start = CameraParameters(COLOR, np.zeros(len(NAMES)), 2.0)
+    z_m, _, lookup = two.readings(start, frame, px)
+    sigma = prior_sigmas(COLOR, given.camera)
+    for k, name in enumerate(NAMES):
+        if not lookup.by_theta[k].any():
+            assert name in ("offset_m", "bend_per_m", "radial", "radial_bend_per_m")
+            continue
+        h = 0.02 * sigma[k]
+        ends = [
+            two.readings(replace(start, theta=np.where(np.arange(len(NAMES)) == k, sign * h, 0.0)), frame, px)[0]
+            for sign in (1, -1)
+        ]
+        found = (ends[0] - ends[1]) / (2 * h)
+        told = np.isfinite(found) & np.isfinite(z_m)
+        assert told.mean() > 0.9
+        scale = np.abs(found[told]).max()
+        np.testing.assert_allclose(lookup.by_theta[k, told], found[told], atol=0.03 * scale + 1e-4, err_msg=name)
+
+
+def test_what_is_estimated_is_a_depth_camera():
+    theta = np.zeros(len(NAMES))
+    theta[OF_ONE_CAMERA:] = STEP
+    status = np.where(np.arange(len(NAMES)) >= OF_ONE_CAMERA, int(Status.ESTIMATED), int(Status.NO_GAIN))
+    found = Calibration(COLOR, theta, np.diag(prior_sigmas(COLOR, OWN.camera) ** 2), status, 2.0, 0.5, 0.1, 0.02, OWN)
+    expected = with_steps(OWN, STEP)
+    assert found.depth_camera.pose_rows == expected.pose_rows and found.depth_camera.camera.fx == expected.camera.fx
+    assert found.depth_camera.camera.trust == Trust.CALIBRATED
+    values = {each.name: each for each in found.values()}
+    assert values["depth_fx"].value == pytest.approx(OWN.camera.fx * np.exp(0.03))
+    assert values["depth_turn_x_deg"].value == pytest.approx(np.degrees(0.01))
+    assert values["depth_shift_x_m"].value == pytest.approx(-0.025)
+    alone = replace(found, depth_given=None)
+    assert alone.depth_camera is None and not [v for v in alone.values() if v.name.startswith("depth_turn")]
+
+
+@pytest.mark.slow
+def test_both_cameras_are_found_within_what_is_promised():
+    rng = np.random.default_rng(3)
+    scene: Room = room(rng)
+    truth = drawn(rng)
+    found, error = calibrated(scene, truth, rng)
+    told = found.status == Status.ESTIMATED
+    assert told[OF_ONE_CAMERA:].sum() >= 5 and told[:4].all()
+    assert (np.abs(error[told]) < 3).mean() >= 0.85
+    assert found.gain > 0.2
