@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -15,8 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli import maps
-from miniloop_cli.cli.main import main
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.results.map_files import up_to_date
 from miniloop_cli.results.map_folder import FOLDER, manifest_hash, read_map
@@ -36,33 +35,15 @@ class Ended:
     reads: int  # of the map by another process meanwhile
 
 
-def adding(folder: Path, sequence: Path, log: Path | None = None) -> int:
-    """The number of a process that runs `miniloop add`: forked, so that all is loaded; `log` gets what it says."""
-    child = os.fork()
-    if child:
-        return child
-    status = 1
-    try:
-        out = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT)
-        os.dup2(out, 1)
-        os.dup2(out, 2)
-        main(["add", str(folder), str(sequence), "-q", "-j", "1"])
-    except SystemExit as done:
-        status = done.code if isinstance(done.code, int) else 1
-    finally:
-        os._exit(status)
-
-
-def ended(child: int) -> bool:
-    """Whether a child has ended; it is still to be waited for."""
-    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+def adding(folder: Path, sequence: Path) -> subprocess.Popen[str]:
+    """A process that runs `miniloop add`, and what it says."""
+    line = [sys.executable, "-m", "miniloop_cli", "add", str(folder), str(sequence), "-q", "-j", "1"]
+    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
 def added(folder: Path, sequence: Path) -> str:
     """What an `add` says that nobody stops."""
-    log = folder.parent / "log.txt"
-    os.waitpid(adding(folder, sequence, log), 0)
-    return log.read_text() if log.is_file() else ""
+    return adding(folder, sequence).communicate()[1].strip()
 
 
 def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, wait_s: float, near_end: bool) -> Ended:
@@ -71,9 +52,9 @@ def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, 
     Meanwhile the map is read again and again. Raises MiniloopError where the map is neither what it was nor `after`.
     """
     before, names = manifest_hash(folder), set((folder / FOLDER).iterdir())
-    child = adding(folder, sequence)
+    process = adding(folder, sequence)
     begin, due, reads = time.perf_counter(), np.inf if near_end else wait_s, 0
-    while not ended(child) and time.perf_counter() - begin < due:
+    while process.poll() is None and time.perf_counter() - begin < due:
         if near_end and due == np.inf and set((folder / FOLDER).iterdir()) - names:
             due = time.perf_counter() - begin + wait_s
         if near_end and due < np.inf:
@@ -82,9 +63,9 @@ def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, 
         read_map(folder)  # raises for half a map
         reads += 1
         time.sleep(0.02)
-    how = "ended by itself" if ended(child) else sent.name
-    os.kill(child, sent)
-    os.waitpid(child, 0)
+    how = "ended by itself" if process.poll() is not None else sent.name
+    process.send_signal(sent)
+    process.communicate()
     seconds, now = time.perf_counter() - begin, manifest_hash(folder)
     read_map(folder)
     if now not in (before, after):
@@ -96,7 +77,7 @@ def show_kills(folder: Path, sequence: Path, count: int, seed: int = 0) -> None:
     """So many kills of `miniloop add` to copies of the map; then two processes at once."""
     rng, said = np.random.default_rng(seed), Counter[str]()
     with _copied(folder) as copy:
-        maps.add(copy, sequence, jobs=1)
+        added(copy, sequence)
         after = manifest_hash(copy)
     with _copied(folder) as copy:  # now that all is compiled and kept
         begin = time.perf_counter()
@@ -120,10 +101,8 @@ def show_kills(folder: Path, sequence: Path, count: int, seed: int = 0) -> None:
     for line, times in sorted(said.items()):
         print(f"{times:5d} {line}")
     with _copied(folder) as copy:
-        logs = [copy.parent / f"log{k}.txt" for k in range(2)]
-        for child in [adding(copy, sequence, log) for log in logs]:
-            os.waitpid(child, 0)
-        print("two at once:", " / ".join(log.read_text().strip() or "added" for log in logs))
+        both = [adding(copy, sequence) for _ in range(2)]
+        print("two at once:", " / ".join(process.communicate()[1].strip() or "added" for process in both))
         if manifest_hash(copy) != after:
             raise MiniloopError(f"two processes at {copy} left a map that neither wrote")
 

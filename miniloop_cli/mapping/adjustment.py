@@ -15,14 +15,14 @@ import numpy as np
 from miniloop_cli.config import Bundle
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
-from miniloop_cli.refinement.joint import MIN_SHARED, SHARP
+from miniloop_cli.refinement.joint import MIN_SHARED, SHARP, six_digits
 from miniloop_cli.refinement.tracks import Tracks
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Bools, Floats, Ints
 
 ROUNDING = np.radians(0.02), 0.0005  # rad, m
-WHOLE_STEPS, WHOLE_TOLERANCE = 4, 1e-5  # of all poses together, from poses that are nearly right
+WHOLE_STEPS, WHOLE_TOLERANCE = 8, 1e-6  # of all poses together, from poses that are nearly right
 
 
 class Locally(NamedTuple):
@@ -100,7 +100,8 @@ def adjusted_together(
     kind = replace(_fine(settings), max_iterations=WHOLE_STEPS, relative_tolerance=WHOLE_TOLERANCE, fixed_frame=fixed)
     nobody = np.zeros(len(T_world_cam), bool)
     found = seen.adjusted(T_world_cam, scans, kind, jobs, nobody, points)
-    return found.T_world_cam, found.points_world
+    # The last bits depend on how a kernel was compiled in this process: to a nanometre, the same bytes everywhere.
+    return np.round(found.T_world_cam, 9) + 0.0, found.points_world
 
 
 def covariance_beside_the_map(
@@ -110,7 +111,7 @@ def covariance_beside_the_map(
     kind = replace(_fine(settings), covariance=True, max_iterations=0)
     found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
     assert found.covariance is not None
-    return found.covariance[new]
+    return six_digits(found.covariance[new])
 
 
 def _fine(settings: Bundle) -> BundleSettings:

@@ -47,6 +47,7 @@ from miniloop_cli.verification.consensus import average_verified
 
 LOG = logging.getLogger("miniloop")
 MAX_SURPRISE = 22.5  # chi-squared of 6 degrees of freedom: one keyframe in a thousand moves by more
+MOVED_M, MOVED_DEG = 0.01, 0.5  # from where on keyframes may match otherwise: a third of the window of guided matching
 
 
 class MustAdjustAll(Exception):
@@ -204,11 +205,14 @@ def _adjusted(
     fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
     after, points = adjusted_together(local.T_world_cam, points, seen, fixed, scans, settings.bundle, jobs)
     old = np.flatnonzero(inside & ~new)
+    E = se3.inverse(T[old]) @ after[old]
+    angle_deg, distance_m = se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
     moved = surprise(T[old], after[old], covariance[old])
-    distance_cm = 100 * np.linalg.norm(T[old, :3, 3] - after[old, :3, 3], axis=1)
-    LOG.info("the map moves by up to %.2f cm, %.1f of its standard deviations", distance_cm.max(), np.sqrt(moved.max()))
-    if moved.max() > MAX_SURPRISE:
-        raise MustAdjustAll(f"it moves by up to {distance_cm.max():.1f} cm, more than it thought possible")
+    LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg", 100 * distance_m.max(), angle_deg.max())
+    far = (moved > MAX_SURPRISE) & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))
+    if far.any():
+        cm, sigmas = 100 * distance_m[far].max(), np.sqrt(moved[far].max())
+        raise MustAdjustAll(f"{far.sum()} keyframes move by up to {cm:.1f} cm, {sigmas:.0f} standard deviations")
     base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
     own = covariance_beside_the_map(after, points, seen, new, scans, settings.bundle, jobs)
     return after[inside], own + added_uncertainty(after[new], covariance[base], after[base])

@@ -6,24 +6,27 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
+from miniloop_cli.mapping.adjustment import Observations, adjusted_together
 from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
 from miniloop_cli.mapping.retrieval import index
 from miniloop_cli.mapping.tracks import matched_again, near_pairs
 from miniloop_cli.refinement.inputs import Scans
-from miniloop_cli.refinement.tracks import build_tracks
+from miniloop_cli.refinement.joint import untied
+from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.scan_set import ScanSet
-from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap
+from miniloop_cli.scene.scene_map import Joined, MapPart, SceneMap
 from miniloop_cli.stages.artifacts import JOINED
 from miniloop_cli.stages.keyframes import common_scans, photometric_check
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
-from miniloop_cli.typing import Floats, Ints, Pair
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 from miniloop_cli.verification.consensus import average_verified
 
 
@@ -43,6 +46,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(parts, scans, settings, run) if looks else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
+    poses, _ = prove_optimum(poses, edges, settings.averaging)
     of_part = np.repeat(np.arange(len(parts)), np.diff(first))
     between = of_part[edges.i] != of_part[edges.j]
     piece = pieces_of(edges.subset(edges.verified & between), of_part, len(parts), poses.component)
@@ -54,18 +58,23 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
             continue  # a recording by itself stays as it was registered
         start = whole_recordings(T, poses, inside, of_part)
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
-        T[inside] = in_the_first_world(T[inside], parts[int(of_part[inside[0]])])
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
-    seen = _points(parts, T, piece[of_part], scans, used, settings, run)
+    tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
+    for together in np.flatnonzero(np.bincount(piece) > 1):
+        inside = piece[of_part] == together
+        if settings.refine == "bundle":
+            T[inside] = _settled(T, covariance, tracks, inside, scans, settings, run)
+        T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
+    seen = landmarks(scans.points, T, tracks)
     return SceneMap(
         tuple(parts), Joined(T, covariance, piece, solved, used, seen, found), settings.model_dump(), run.seed
     )
 
 
-def _points(
+def _tracks(
     parts: Sequence[MapPart], T: Floats, piece: Ints, scans: ScanSet, used: EdgeTable, settings: Settings, run: Run
-) -> MapPoints:
-    """Points of the map: of keyframes that were refined together by what matches at their poses, as `extend` goes on.
+) -> Tracks:
+    """Tracks of the map: of keyframes that were refined together by what matches at their poses, as `extend` goes on.
 
     piece (K,): of each keyframe. Recordings by themselves have those of their edges.
     """
@@ -78,8 +87,23 @@ def _points(
         near = near_pairs(T, np.flatnonzero(piece == number), scans, settings.bundle)
         pairs = np.concatenate([pairs, np.array(near, np.int64).reshape(-1, 2)])
         matches += matched_again(T, near, scans, settings.bundle, run.workers)
-    offsets = np.cumsum([0, *(len(features) for features in scans.features)])
-    return landmarks(scans.points, T, build_tracks(offsets, pairs, matches))
+    return build_tracks(np.cumsum([0, *(len(features) for features in scans.features)]), pairs, matches)
+
+
+def _settled(
+    T: Floats, covariance: Floats, tracks: Tracks, inside: Bools, scans: ScanSet, settings: Settings, run: Run
+) -> Floats:
+    """(m, 4, 4) poses of the keyframes `inside` a piece (K,) at the minimum of the tracks that the map keeps.
+
+    The refinement stops where a step gains little. What is added later begins from here, and must find the map at rest.
+    """
+    seen = Observations.of(tracks, scans, settings.bundle.min_frames)
+    seen = seen.subset(inside[seen.frame])
+    if len(untied(seen.track, seen.frame, inside)):  # tracks of two keyframes tied these, or edges
+        return T[inside]
+    certain = np.where(inside, np.einsum("kii->k", covariance), np.inf)
+    fixed, nowhere = int(certain.argmin()), np.zeros((0, 3))
+    return adjusted_together(T, nowhere, seen, fixed, scans, settings.bundle, run.workers.threads)[0][inside]
 
 
 def _refined(
