@@ -8,6 +8,7 @@
 
 FROM debian:trixie-slim AS build
 ARG MESH=yes
+# hadolint ignore=DL3008
 RUN apt-get update && apt-get install -y --no-install-recommends python3-venv
 RUN python3 -m venv /opt/miniloop
 COPY . /source
@@ -17,6 +18,7 @@ RUN /opt/miniloop/bin/pip install --no-cache-dir /source \
 FROM debian:trixie-slim
 ARG MESH=yes
 # Beside Python, what open3d loads; nothing else in miniloop needs these.
+# hadolint ignore=DL3008,SC2086
 RUN if [ "$MESH" = yes ]; then mesh="libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"; fi \
     && apt-get update && apt-get install -y --no-install-recommends python3 $mesh && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/miniloop /opt/miniloop

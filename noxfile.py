@@ -72,7 +72,7 @@ def build(session: nox.Session) -> None:
     packages = sorted(Path("dist").resolve().glob("miniloop-*"))
     session.run("twine", "check", "--strict", *map(str, packages))
     for package in packages:
-        place = Path(session.create_tmp()) / package.suffix.lstrip(".")
+        place = Path(session.create_tmp()).resolve() / package.suffix.lstrip(".")
         session.run("python", "-m", "venv", "--clear", str(place))
         scripts = place / ("Scripts" if sys.platform == "win32" else "bin")
         session.run(str(scripts / "python"), "-m", "pip", "install", "-q", str(package), external=True)

@@ -16,15 +16,15 @@ INTRODUCTION = """# Settings
 
 <!-- Made by docs/make_settings.py from miniloop_cli/config.py; do not edit. -->
 
-All settings of `miniloop register`. They come from a preset or a YAML file (`--config fast`, `--config mine.yaml`)
-and are changed one by one with `--set section.key=value`; what a file does not name has its default. Unknown keys are
-an error. The settings that were in effect lie beside every result (`config.yaml`) and can be given to `--config` again.
+All settings of `miniloop register`. A preset or a YAML file sets them (`--config fast`, `--config mine.yaml`), and
+`--set section.key=value` changes one. A key that the file does not name has its default. An unknown key is an error.
+`config.yaml` in the results folder holds the settings of the run; `--config` reads it again.
 
     miniloop config show paper            # a preset as YAML, every key explained
     miniloop config explain ransac.score  # one key, with what the presets make of it
     miniloop config schema                # JSON schema, for editors
 
-Where a preset differs from the default, the last column says so.
+The last column shows where a preset differs from the default.
 """
 
 
@@ -39,7 +39,7 @@ def page() -> str:
             parts.append(f"## `{name}`\n\n{(field.annotation.__doc__ or '').strip()}\n\n{table(inside, presets)}")
         else:
             single.append(name)
-    parts.insert(1, f"## By themselves\n\n{table(single, presets)}")
+    parts.insert(1, f"## Without a section\n\n{table(single, presets)}")
     return "\n".join(parts)
 
 

@@ -41,7 +41,7 @@ CASES: dict[str, dict[str, Any]] = {
     "rooms alike": {"alike": "rooms", "rooms": 2, "frames": 60, "rate_hz": 3.0},
     "cuts": {"cuts": 2, "frames": 30},
     "cuts, a walk": {"cuts": 3, "frames": 30, "path": "random-walk"},
-    "cut, room alike when half turned": {"cuts": 1, "frames": 30, "alike": "half-turn", "path_share": 0.8},
+    "cut, room alike when half turned": {"cuts": 1, "frames": 26, "alike": "half-turn", "path_share": 0.66},
 }
 # Of two recordings: what each is, and whether both are of one room, which follows from the seed.
 PAIRS: dict[str, tuple[dict[str, Any], dict[str, Any], bool]] = {

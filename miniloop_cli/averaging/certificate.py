@@ -1,4 +1,4 @@
-"""A proof that a pose graph's minimum is the lowest of all, by its dual; and the way out of one that is not.
+"""A certificate that a minimum of the pose graph is the global one, by its dual; a way to a lower one if it is not.
 
 With Lagrange's multipliers of the rotations, sum of tr Lambda_i = f, the matrix S = Q - blockdiag(Lambda_i), the
 translations eliminated, bounds every other arrangement R': f(R') = f(R) + tr(R' S R'^T) >= f(R) + 3n lambda_min(S).

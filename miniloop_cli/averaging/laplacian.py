@@ -19,6 +19,9 @@ DENSE_SCANS = 128
 
 CG_STEPS = 300
 
+INEXACT = 0.03
+"""Tolerance of `solve` for one of several reweighted steps: the next one mends what is left."""
+
 STALE_STEPS = 20
 """Steps with an old factor that cost about as much as a new one."""
 

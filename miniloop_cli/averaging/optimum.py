@@ -1,4 +1,4 @@
-"""The best arrangement of the edges under frozen robust weights, component by component, and the proof that it is."""
+"""The best arrangement of the edges with fixed robust weights, for each component, and its certificate."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.initialization import tree_start, trust, voted_start
-from miniloop_cli.averaging.laplacian import Differences, spread
+from miniloop_cli.averaging.laplacian import INEXACT, Differences, spread
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry import quaternion_kernels as kernels
 from miniloop_cli.geometry.se3 import quaternions, rotations
@@ -98,7 +98,7 @@ def average_rotations(
 
 def _advance(q: Floats, system: Differences, weights: Floats, r: Floats) -> float:
     """One Gauss-Newton step in place; returns its size, rad."""
-    x = system.solve(weights, r, tolerance=1e-3)
+    x = system.solve(weights, r, tolerance=INEXACT)
     kernels.update(q, x)
     return spread(x)
 

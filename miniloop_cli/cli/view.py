@@ -42,7 +42,7 @@ def view(
     port: int,
     quiet: bool,
 ) -> None:
-    """Show a result (default: the newest), a PLY cloud or mesh, or a GLB file in the browser, until Ctrl-C.
+    """Show a result (default: the newest), a map, a PLY cloud or mesh, or a GLB file in the browser, until Ctrl-C.
 
     A PLY file in a results folder is shown with the cameras of that result. The page is served on 127.0.0.1
     only, and its address contains a token. Other computers and other pages cannot read it.

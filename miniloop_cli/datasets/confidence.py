@@ -1,4 +1,4 @@
-"""Depth that comes with a map of how far its sensor trusts each reading: what is not trusted is no reading.
+"""Depth with a confidence map: readings of low confidence are removed.
 
 ARKit gives three levels: 0 low, 1 medium, 2 high. Record3D, Stray Scanner and ARKitScenes store these numbers; Polycam
 stores 0, 127 and 255. Polycam's documentation advises to filter out the low ones, and Stray Scanner's own viewer does

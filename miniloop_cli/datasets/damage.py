@@ -1,4 +1,4 @@
-"""Damaged data: what a library makes of them is not ours to foresee, and becomes one line."""
+"""Damaged data: any error of a library that decodes them becomes one line."""
 
 from __future__ import annotations
 

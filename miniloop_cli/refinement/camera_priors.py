@@ -41,7 +41,7 @@ SCALE = {Trust.GUESS: 0.02, Trust.FACTORY: 0.005, Trust.CALIBRATED: 0.005}
 
 
 def prior_sigmas(camera: Camera, own: Camera | None = None) -> Floats:
-    """(len(NAMES),) standard deviations of the parameters about the camera's; `own`: that of depth, if it has one."""
+    """Standard deviations (p,) of the parameters about the camera's; `own`: that of depth, if it has one."""
     known = [_SIGMAS[camera.trust]] * OF_ONE_CAMERA + [_SIGMAS[(own or camera).trust]] * len(TWO)
     unit = {name: float(camera.width) for name in ("cx", "cy")} | {
         name: float((own or camera).width) for name in ("depth_cx", "depth_cy")

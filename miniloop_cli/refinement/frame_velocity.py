@@ -1,4 +1,4 @@
-"""How the camera moved while it took a frame: by the path through all poses, and as the frame's own rows felt it.
+"""The motion of the camera within a frame: from the path through all poses, and from the rows of the frame.
 
 A path through poses some tenths of a second apart misses what a hand does in between. A rolling shutter sees it: each
 row is taken from a pose of its own, so that the points of a frame tell its velocity as they tell its pose.

@@ -1,4 +1,4 @@
-"""Gravity in the refinement: each frame's vertical, as an accelerometer felt it, holds the poses upright; z is up.
+"""Gravity in the refinement: the measured vertical of each frame holds the poses upright; z is up.
 
 An accelerometer reads gravity and its own motion. Where frames are dense enough the camera's path tells the motion, and
 it is taken off. What is left is off by a constant turn, as the sensor sits a little askew and its zero is a little off,

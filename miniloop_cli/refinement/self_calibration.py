@@ -44,7 +44,8 @@ LOG = logging.getLogger("miniloop")
 LADDER = (INTRINSICS, DISTORTION[:2], DISTORTION[2:], depth_model.NAMES)  # each model has those before it, too
 # Where two cameras do not fit together nothing else can be told before they do.
 LADDER_OF_TWO = ((*INTRINSICS, *depth_camera_parameters.NAMES), DISTORTION, depth_model.NAMES)
-MAX_LOOKS, SETTLED_PX = 5, 0.5
+MAX_LOOKS, STEPS_A_LOOK, SETTLED_PX = 12, 4, 0.5
+SIGMAS_OF_TWO = 3.0  # a larger model of two cameras must be better by so much: what is read changes with each, too
 LEARNED, HELD_OUT = 0, 1  # every other track
 MAX_FRAMES, MAX_OBSERVATIONS = 300, 30_000
 MIN_OBSERVATIONS = 1000
@@ -157,7 +158,7 @@ class _Fit:
         for _ in range(MAX_LOOKS if looking else 1):
             before = parameters
             problem, kept = self.problem(T, self.measured(parameters, half), parameters, free, settings)
-            minimise(problem, steps, settings.relative_tolerance)
+            minimise(problem, STEPS_A_LOOK if looking else steps, settings.relative_tolerance)
             T, parameters = problem.bundle.T_world_cam, problem.parameters
             if looking and self._moved_px(before, parameters) < SETTLED_PX:
                 break
@@ -205,7 +206,7 @@ def _chosen(
     best = int(np.argmax([score.gain_over(scores[0])[0] for score in scores]))
     for smaller in range(best):
         gain, sigma = scores[best].gain_over(scores[smaller])
-        if gain < sigma:
+        if gain < (SIGMAS_OF_TWO if fit.two else 1.0) * sigma:
             best = smaller
             break
     gain, sigma = scores[best].gain_over(scores[0])

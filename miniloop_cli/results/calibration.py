@@ -6,7 +6,7 @@ from typing import Any
 
 from miniloop_cli.scene.calibration import Calibration, Status
 
-DIGITS = {"fx": 2, "fy": 2, "cx": 2, "cy": 2}
+DIGITS = dict.fromkeys(("fx", "fy", "cx", "cy", "depth_fx", "depth_cx", "depth_cy"), 2)
 WORDS = {
     Status.ESTIMATED: "estimated",
     Status.UNOBSERVABLE: "not observable",

@@ -67,7 +67,7 @@ class Map:
         return self.locate_roughly(image, depth_m, guessed_camera(Path(), image.shape[1], image.shape[0]))
 
     def locate_roughly(self, color: Bytes, depth_m: Floats32 | None, camera: Camera) -> Location:
-        """As `locate`, with a camera whose focal length is a guess: it is estimated with the pose."""
+        """As `locate`, of color (h, w, 3) and depth_m (h, w), with a focal length that is estimated with the pose."""
         return self._located(color, depth_m, camera, True)
 
     def locate_file(self, path: Path, color: Bytes, depth_m: Floats32 | None, camera: Camera | None) -> Location:

@@ -28,7 +28,7 @@ from miniloop_cli.scene.scene_map import MapPart, SceneMap
 from miniloop_cli.version import __version__
 
 FOLDER, MANIFEST = "map", "map.json"
-FORMAT, VERSION = "miniloop-map", 1
+FORMAT, VERSION = "miniloop-map", 2
 MAX_MANIFEST_BYTES = 64 << 20
 OWN = re.compile(r"[0-9a-f]{32}\.npz")  # names of data files
 ATTEMPTS = 5  # to read a map that others are changing

@@ -1,4 +1,4 @@
-"""rejected.npz of a results folder: some matches of each rejected edge, so that one can see why it was not believed."""
+"""rejected.npz of a results folder: some matches of each rejected edge, which show why it is rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""frames.csv and edges.csv of a results folder: what became of every frame, and of every pair of scans."""
+"""frames.csv and edges.csv of a results folder: the status of each frame, the verdict of each pair of scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run an output folder: a lock that dies with its process."""
+"""A lock on an output folder, which is released when its process ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML that others wrote: by the safe loader only, all its ways to fail as one, and nothing that takes it seconds."""
+"""YAML of unknown origin: the safe loader only, one kind of error, bounded size and depth."""
 
 from __future__ import annotations
 

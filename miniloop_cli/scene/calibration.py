@@ -1,4 +1,4 @@
-"""What a recording told of its camera."""
+"""The camera parameters that a recording determined."""
 
 from __future__ import annotations
 

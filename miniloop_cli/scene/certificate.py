@@ -1,4 +1,4 @@
-"""What is proven of the arrangement that the edges were brought into."""
+"""The certificate of averaging: whether another arrangement of the edges can be better."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run found, and the error that says that it found nothing."""
+"""The result of a run, and the error for a run without poses."""
 
 from __future__ import annotations
 

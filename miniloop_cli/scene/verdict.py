@@ -1,4 +1,4 @@
-"""What became of an edge: its verdict, and why it was not believed."""
+"""The verdict of an edge, and why it is rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to simulate."""
+"""The settings of a simulated recording."""
 
 from __future__ import annotations
 

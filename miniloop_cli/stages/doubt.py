@@ -1,4 +1,4 @@
-"""Stage: what speaks against poses that are done, in notes that make the result doubtful."""
+"""Stage: checks of the final poses; each finding is a note that makes the result doubtful."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.mapping.adjustment import Observations, adjusted_together
 from miniloop_cli.mapping.alone import matches_of_edges
@@ -45,6 +46,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(parts, scans, settings, run) if looks else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
+    poses, _ = prove_optimum(poses, edges, settings.averaging)
     of_part = np.repeat(np.arange(len(parts)), np.diff(first))
     between = of_part[edges.i] != of_part[edges.j]
     piece = pieces_of(edges.subset(edges.verified & between), of_part, len(parts), poses.component)

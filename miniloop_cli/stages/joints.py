@@ -1,4 +1,4 @@
-"""Stage: what speaks against how recordings of a map were joined; joints that their pictures contradict are cut."""
+"""Stage: checks of how recordings of a map are joined; joints that their pictures contradict are cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage: points followed through a recording whose frames follow each other closely; else there is none."""
+"""Stage: points are followed through a recording whose frames follow each other closely."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames of a recording one after the other: decoded, and those told apart that show nothing or nothing new."""
+"""The frames of a recording in order, decoded; frames without content and repeated frames are recognised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images that a recorder stored again in place of new ones: what they show was not taken at the time of their stamp."""
+"""Repeated images: a recorder stored an image again in place of a new one, so its stamp is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Averaging and judging in turn, until the edges that are believed and the poses that follow agree.
+"""Averaging and judging edges in turn, until the edges and the poses agree.
 
 Inliers alone do not make an edge true: places look alike, patterns repeat, things move. So edges are checked three
 times: by what else their scans show, before averaging; by what all edges agree on, in averaging; and by what the scans

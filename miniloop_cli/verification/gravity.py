@@ -1,4 +1,4 @@
-"""What a known vertical says about edges: whether they turn as it does, and another chance for those found too weak.
+"""How edges agree with a known vertical, and a second estimate of edges that are too weak.
 
 With the vertical known, a pair has four degrees of freedom instead of six and one match of a cycle's edge does what
 two did (solvers/planar*.py): fewer matches suffice to find a pose. An accelerometer is a degree or so off, more while

@@ -19,16 +19,24 @@ from miniloop_cli.typing import Floats, Ints, Pair
 from miniloop_cli.verification.photometric_check import PhotometricCheck
 from miniloop_cli.verification.second_best import Elsewhere, placements_elsewhere
 
+SIMILAR_DEG = 30.0  # from more different sides even one place looks different: other surfaces, other light
+MIN_PAIRS = 5  # of scans, to say anything of two bodies
+
 
 def votes_of_joints(T_world_cam: Floats, scans: Ints, body: Ints, photometric: PhotometricCheck) -> Mapping[Pair, Ints]:
     """Cells (2,) of the pictures of two bodies that agree and that disagree, by their poses; a < b.
 
-    T_world_cam (n, 4, 4) and body (n,) of all scans; compared are the `scans`, which lie in one world.
+    T_world_cam (n, 4, 4) and body (n,) of all scans; compared are the `scans`, which lie in one world, where they look
+    in similar directions. Bodies of which fewer than MIN_PAIRS do are left out.
     """
     pairs, T_j_i = photometric.neighbours(T_world_cam, scans, body)
+    similar = se3.rotation_angle_deg(T_j_i[:, :3, :3]) < SIMILAR_DEG
+    pairs, T_j_i = pairs[similar], T_j_i[similar]
     ends = np.sort(body[pairs], axis=1)
     votes = photometric.votes(pairs, T_j_i)
-    return {(int(a), int(b)): votes[(ends == (a, b)).all(axis=1)].sum(axis=0) for a, b in np.unique(ends, axis=0)}
+    bodies, times = np.unique(ends, axis=0, return_counts=True)
+    compared = bodies[times >= MIN_PAIRS].tolist()
+    return {(a, b): votes[(ends == (a, b)).all(axis=1)].sum(axis=0) for a, b in compared}
 
 
 def bodies_elsewhere(

@@ -1,4 +1,4 @@
-"""Motion that cannot be: steps of the path that are out of all proportion to those around them.
+"""Impossible motion: steps of the path that are out of proportion to the steps around them.
 
 Scans of a recording follow each other in time, and hands do not jump. Where a path does, places that look alike were
 taken for each other, or the recording was cut. The step is checked again with what both scans and their neighbours

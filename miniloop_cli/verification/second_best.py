@@ -1,4 +1,4 @@
-"""Whether a part of the scans could stand elsewhere, with nearly as much support as it has where it is.
+"""Whether a part of the scans could lie elsewhere with nearly as much support.
 
 Edges that contradict the poses each propose to move one of their scans, and what hangs on it, by a rigid motion. Those
 that propose the same motion are one alternative. A part of the scans is worth moving if the support that this wins

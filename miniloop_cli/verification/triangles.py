@@ -1,4 +1,4 @@
-"""Which edges close loops of three with others, and which close hardly any although they could.
+"""Triangles of edges: which edges close them, and which close hardly any.
 
 A true edge closes the triangles whose other two edges are true as well; a false one closes next to none. Local, and
 so without drift: what is asked of an edge does not depend on the size of the graph.

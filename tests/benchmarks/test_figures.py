@@ -32,6 +32,13 @@ def test_every_page_is_up_to_date():
     assert pages.update(load(), check=True) == [], "run python -m benchmarks figures"
 
 
+def test_every_figure_is_shown_somewhere():
+    figures = load()
+    text = "".join(page.read_text(encoding="utf-8") for page in pages.pages())
+    shown = set(re.findall(r"<!--(?:table|output)?=([\w.-]+)-->", text))
+    assert {*figures.values, *figures.tables, *figures.outputs} - shown == set()
+
+
 def test_marks_are_filled_and_all_else_stays(figures):
     text = "An error of <!--=walk.ate-->9<!--/--> cm, <!--=walk.peak--><!--/--> MB.\n\n"
     text += "<!--table=walk.all--><!--/table-->\n"

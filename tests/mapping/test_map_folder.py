@@ -75,7 +75,7 @@ def test_an_unknown_version_is_refused_by_name(written):
     path = written / "map" / "map.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps(content | {"version": 7, "miniloop": "9.9"}))
-    with pytest.raises(MapError, match=r"is of version 7 of maps, and miniloop .* reads version 1: .*'9\.9'"):
+    with pytest.raises(MapError, match=r"is of version 7 of maps, and miniloop .* reads version 2: .*'9\.9'"):
         read_map(written)
 
 

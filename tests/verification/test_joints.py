@@ -93,6 +93,8 @@ class Pictures:
 
 
 def test_what_two_recordings_both_show_is_counted_for_each_two():
+    """Of those that look in similar directions: scans of the path turn by 5.7 degrees, so that they are 15 pairs."""
     found = votes_of_joints(building(), np.arange(3 * K), BODY, Pictures())
-    assert {pair: votes.tolist() for pair, votes in found.items()} == {(0, 1): [108, 0], (1, 2): [108, 36]}
+    assert {pair: votes.tolist() for pair, votes in found.items()} == {(0, 1): [45, 0], (1, 2): [45, 15]}
     assert list(votes_of_joints(building(), np.arange(2 * K), BODY, Pictures())) == [(0, 1)]
+    assert not votes_of_joints(building(), np.arange(K - 2, K + 2), BODY, Pictures())  # four pairs are too few

@@ -5,7 +5,7 @@ import { quantile } from "./format.js";
 const SAMPLE = 30000;
 const OUTSIDE = 0.02; // the share on each side that is left out
 
-/** In the scene (y up): { centre, radius, low, high }; low and high: heights of all but the strays. */
+/** In the scene (y up): { centre, radius, least, most, low, high }: a box, and the heights of all but the strays. */
 export function bounds(stage, frames, model) {
   const cameras = frames.placed.map(k => stage.toScene(frames.position(k))), points = [];
   const step = Math.max(1, Math.floor((model?.count ?? 0) / SAMPLE));
@@ -21,7 +21,7 @@ export function bounds(stage, frames, model) {
   const radius = Math.max(at(0).distanceTo(at(1)) / 2, 0.2);
   const heights = seen.map(p => p.y);
   return {
-    centre: at(0).add(at(1)).multiplyScalar(0.5), radius,
+    centre: at(0).add(at(1)).multiplyScalar(0.5), radius, least: at(0), most: at(1),
     low: quantile(heights, 0.001) - 0.01 * radius, high: quantile(heights, 0.999) + 0.01 * radius,
   };
 }

@@ -25,6 +25,7 @@ import { Timeline } from "./timeline.js";
 import { fromBase64, unpackMatches } from "./unpack.js";
 
 const LINK_MS = 250;
+const NO_POSE = "No frame has a pose. Step through the frames to see why.";
 const CLICK_PX = 5; // a pointer that moved farther turned the view
 
 const part = name => document.getElementById(`v-${name}`);
@@ -202,7 +203,10 @@ async function start(viewer) {
   use("orbit");
   navigation.overview();
   showEdges();
-  if (!frames.placed.length && frames.count) say("No frame has a pose. Step through the frames to see why.");
+  if (!frames.placed.length && frames.count) {
+    say(NO_POSE);
+    part("nothing").textContent = NO_POSE;
+  }
   follow();
   viewer.dataset.ready = "true";
   // For tests, and for a look from the console.

@@ -6,6 +6,7 @@ import { FOV_DEG } from "./stage.js";
 const TURN = Math.PI / 36; // a press of an arrow key
 const SECONDS_ACROSS = 6; // on foot, from one side of the model to the other
 const LONGEST_FRAME_MS = 100; // of a machine that draws slowly
+const MARGIN = 1.08; // around the model in the picture
 const UP = new Vector3(0, 1, 0);
 
 export class Navigation {
@@ -64,9 +65,8 @@ export class Navigation {
   /** All of the model, seen from a direction. */
   look(from) {
     const { box, stage } = this;
-    const narrow = Math.min(1, (stage.width ?? 1) / (stage.height ?? 1));
-    this.distance = (0.75 * box.radius) / Math.sin((FOV_DEG * Math.PI) / 360) / narrow;
-    stage.perspective.position.copy(box.centre).addScaledVector(from.normalize(), this.distance);
+    this.distance = this.fitting(from.normalize());
+    stage.perspective.position.copy(box.centre).addScaledVector(from, this.distance);
     stage.perspective.lookAt(box.centre);
     this.orbit.target.copy(box.centre);
     this.limits();
@@ -74,6 +74,20 @@ export class Navigation {
     this.orbit.enabled = true;
     this.orbit.update();
     this.pace.moved();
+  }
+
+  /** From how far in a direction (of length 1) every corner of the model's box is in the picture. */
+  fitting(from) {
+    const { box: { centre, least, most, radius }, stage } = this;
+    const right = new Vector3().crossVectors(UP, from).normalize(), up = new Vector3().crossVectors(from, right);
+    const tall = Math.tan((FOV_DEG * Math.PI) / 360), wide = tall * (stage.width ?? 1) / (stage.height ?? 1);
+    let far = 0.6 * radius;
+    for (let corner = 0; corner < 8; corner++) {
+      const p = new Vector3(...["x", "y", "z"].map((axis, k) => (corner >> k & 1 ? most : least)[axis])).sub(centre);
+      const across = Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / tall);
+      far = Math.max(far, p.dot(from) + MARGIN * across);
+    }
+    return far;
   }
 
   limits() {
