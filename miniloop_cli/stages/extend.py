@@ -47,6 +47,7 @@ from miniloop_cli.verification.consensus import average_verified
 
 LOG = logging.getLogger("miniloop")
 MAX_SURPRISE = 22.5  # chi-squared of 6 degrees of freedom: one keyframe in a thousand moves by more
+MOST_TOUCHED = 0.5  # share of a piece that the new recording shows; beyond, adjusting all costs no more
 MOVED_M, MOVED_DEG = 0.01, 0.5  # from where on keyframes may match otherwise: a third of the window of guided matching
 
 
@@ -159,6 +160,10 @@ def _placed(
     piece = int(shown[0])
     if np.count_nonzero(before.joined.piece == piece) < 2:
         raise MustAdjustAll("its recordings were not adjusted together before")
+    of_piece = np.count_nonzero(old_piece == piece)
+    shared = np.count_nonzero(old_piece[chosen[np.unique(added.i)]] == piece)
+    if shared > MOST_TOUCHED * of_piece:
+        raise MustAdjustAll(f"{part.name} shows what {shared} of {of_piece} keyframes show")
     numbers = poses.component[is_new]
     main = np.bincount(numbers[numbers >= 0]).argmax()
     beside = np.flatnonzero((poses.component == main) & (old_piece[chosen] == piece))
