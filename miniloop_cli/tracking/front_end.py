@@ -24,6 +24,7 @@ from miniloop_cli.typing import Bools, Floats, Floats32
 
 MAX_PREDICTED_S = 0.2  # a motion goes on like this for so long at most
 FEW_POINTS = 60  # with fewer, depth and brightness are asked as well
+SURE_SHARE = 0.2  # of the points that must go on together where no depth can be asked: a dozen agree by chance
 MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must see, too
 CELLS_A_POINT = 100  # of a surface: neighbours share their errors
 LAG_S = 0.02  # between a colour image and its depth image
@@ -123,7 +124,7 @@ class _Tracker:
         p_key, z_m = key.p_key[good], depth_at(frame.scan.depth_m, px, self._depth)
         deep = np.isfinite(p_key[:, 2])
         motion = frame_motion(p_key[deep], self._camera.undistort(px)[deep], z_m[deep], predicted, self._camera)
-        if motion is None:
+        if motion is None or not (frame.has_depth or motion.agrees.sum() >= SURE_SHARE * len(key.px)):
             return None
         agrees = ~deep
         agrees[deep] = motion.agrees
