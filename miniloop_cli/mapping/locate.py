@@ -32,7 +32,7 @@ CANDIDATES = 10  # keyframes that an image is compared with
 NEAREST = 6  # keyframes, of those that see the same place, that it is then matched with again
 MIN_MATCHES = 8  # with a keyframe, to take part
 THRESHOLD_PX = 8.0  # while sampling: points are some millimetres off, and rolling shutters bend images
-MIN_INLIERS = 12
+MIN_INLIERS, MIN_SHARE = 12, 0.1  # that agree, of the matches: at a wrong pose up to a twelfth of some 200 do by chance
 MIN_ALIKE = 0.4  # share of the common view that must look alike
 RATIO = 0.8  # of the distances of the nearest and the second nearest descriptor
 RIVAL = 0.5  # share of the inliers with which another pose makes this one doubtful
@@ -107,8 +107,9 @@ class Locator:
         for factor in FOCAL_STEPS if query.rough else (1.0,):
             seen, _ = self.sightings(query, found, factor)
             robust = robust_pose(seen, self.common, THRESHOLD_PX)
-            if robust and (best is None or robust[1].sum() > best[1]):
-                best, focal = (robust[0], int(robust[1].sum())), factor
+            count = int(robust[1].sum()) if robust else 0
+            if robust and count >= max(MIN_INLIERS, MIN_SHARE * len(seen)) and (best is None or count > best[1]):
+                best, focal = (robust[0], count), factor
         if best is None:
             return None
         T = best[0]

@@ -101,9 +101,9 @@ def _over_edges(poses: Poses, inside: EdgeTable, scans: Scans) -> Refined:
 def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timing = NO_TIMING) -> Refined:
     unknown = np.full((len(poses.component), 6, 6), np.nan)
     covariance = unknown if result.covariance is None else result.covariance
-    # The last bits depend on how a kernel was compiled in this process: to a picometre, and six digits of what is known
+    # The last bits depend on how a kernel was compiled in this process: to a nanometre, and six digits of what is known
     # to one or two, the same bytes everywhere.
-    T_world_cam = np.round(result.T_world_cam, 12) + 0.0  # and zero has one sign
+    T_world_cam = np.round(result.T_world_cam, 9) + 0.0  # and zero has one sign
     return Refined(Poses(T_world_cam, poses.component), six_digits(covariance), timing)
 
 

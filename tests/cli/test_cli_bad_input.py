@@ -16,6 +16,7 @@ LEFT_BY_A_FAILED_RUN = {
     "edges.csv",
     "frames.csv",
     "inliers.npz",
+    "rejected.npz",
     "log.txt",
     "report.html",
     "summary.json",

@@ -23,6 +23,7 @@ FILES = {
     "frames.csv",
     "graph.g2o",
     "inliers.npz",
+    "rejected.npz",
     "landmarks.npz",
     "map",
     "log.txt",
