@@ -34,6 +34,7 @@ MIN_MATCHES = 8  # with a keyframe, to take part
 THRESHOLD_PX = 8.0  # while sampling: points are some millimetres off, and rolling shutters bend images
 MIN_INLIERS, MIN_SHARE = 12, 0.1  # that agree, of the matches: at a wrong pose up to a twelfth of some 200 do by chance
 MIN_ALIKE = 0.4  # share of the common view that must look alike
+MOST_MATCHED = 3  # keyframes
 RATIO = 0.8  # of the distances of the nearest and the second nearest descriptor
 RIVAL = 0.5  # share of the inliers with which another pose makes this one doubtful
 OTHER_DEG, OTHER_M = 5.0, 0.1  # from where on a pose is another one
@@ -117,20 +118,26 @@ class Locator:
         for _ in range(2):
             fit = refined_pose(T, seen, self.common, with_focal=query.rough)
             focal, T = focal * fit.focal, fit.T_world_cam
-            guided = self._guided(query, T, piece, focal)
+            guided = self._guided(query, T, piece, focal, found)
             if not guided:
                 return None
             seen, of_keyframe = self.sightings(query, guided, focal)
         fit = refined_pose(T, seen, self.common, with_focal=query.rough)
         return _Candidate(fit, seen, of_keyframe, piece, focal * fit.focal, found)
 
-    def _guided(self, query: Query, T_world_cam: Floats, piece: int, focal: float) -> dict[int, Ints]:
-        """Matches (k, 2) with the keyframes that see most of the same, where this pose says that they must be."""
+    def _guided(
+        self, query: Query, T_world_cam: Floats, piece: int, focal: float, found: dict[int, Ints]
+    ) -> dict[int, Ints]:
+        """Matches (k, 2) where this pose says that they must be, with the keyframes that share most with this view.
+
+        And with those of most matches in `found`: what lies in view may have been seen from much nearer.
+        """
         bundle, kind = Bundle(), self.scene_map.feature_type
         features = self.query_features(query, focal)
         own, scale = compact(features.descriptors, kind)
-        ready, found = searchable(features, own, self.common), {}
-        for k in self.near(T_world_cam, piece).tolist():
+        ready, guided = searchable(features, own, self.common), {}
+        matched = sorted(found, key=lambda k: -len(found[k]))[:MOST_MATCHED]
+        for k in sorted({*self.near(T_world_cam, piece).tolist(), *matched}):
             if k not in self._ready:
                 self._ready[k] = searchable(
                     self.features[k], compact(self.features[k].descriptors, kind)[0], self.common
@@ -140,8 +147,8 @@ class Locator:
                 ready, self._ready[k], T_key_cam, self.common, bundle.radius_px, bundle.max_distance2 * scale
             )
             if len(rows):
-                found[k] = rows
-        return found
+                guided[k] = rows
+        return guided
 
     def near(self, T_world_cam: Floats, piece: int) -> Ints:
         """Numbers (k,) of the keyframes of a piece that share most with the view from T_world_cam (4, 4)."""
