@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from miniloop_cli.scene.registration import Registration
     from miniloop_cli.scene.scene_map import MapPart, SceneMap
     from miniloop_cli.scene.sequence import Sequence
+    from miniloop_cli.stages.run import Run
 
 LOG = logging.getLogger("miniloop")
 
@@ -177,27 +178,28 @@ def _joined(
     parts: Many[MapPart], settings: Settings, store: Store, workers: Workers, seed: int, solved: Mapping[Any, Any]
 ) -> SceneMap:
     from miniloop_cli.mapping.alone import map_of
-    from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.join import join
-    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
     if len(parts) == 1:
         return map_of(parts[0], settings.model_dump(), seed)
-    with single_inner_threads():
-        run = Run(store, workers, seed)
-        return examined(join(parts, settings, run, solved), settings, run)
+    return _examined(lambda run: join(parts, settings, run, solved), settings, Run(store, workers, seed))
 
 
 def _extended(before: SceneMap, part: MapPart, settings: Settings, store: Store, workers: Workers) -> SceneMap:
-    from miniloop_cli.runtime.parallel import single_inner_threads
     from miniloop_cli.stages.extend import extend
-    from miniloop_cli.stages.joints import examined
     from miniloop_cli.stages.run import Run
 
+    run = Run(store, workers, before.seed)
+    return _examined(lambda run: extend(before, part, settings, run), settings, run)
+
+
+def _examined(make: Callable[[Run], SceneMap], settings: Settings, run: Run) -> SceneMap:
+    from miniloop_cli.runtime.parallel import single_inner_threads
+    from miniloop_cli.stages.joints import examined
+
     with single_inner_threads():
-        run = Run(store, workers, before.seed)
-        return examined(extend(before, part, settings, run), settings, run)
+        return examined(make(run), settings, run)
 
 
 def _write(

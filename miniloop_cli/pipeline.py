@@ -14,7 +14,7 @@ from miniloop_cli.config import Settings
 from miniloop_cli.datasets.own_cameras import with_camera
 from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined
-from miniloop_cli.refinement.lookup import LookUp
+from miniloop_cli.refinement.two_cameras import DepthReader
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
@@ -27,10 +27,10 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
+from miniloop_cli.stages.depth_reader import depth_reader
 from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
-from miniloop_cli.stages.look_up_depth import look_up_depth
 from miniloop_cli.stages.match import match
 from miniloop_cli.stages.refine import refine
 from miniloop_cli.stages.run import Run
@@ -70,8 +70,10 @@ def register(
         run = _register(sequence, settings, store, workers, seed, priors, watch)
         return replace(run, calibration=run.calibration or found)
     sequence = replace(with_camera(sequence, found.camera), depth_camera=found.depth_camera)
-    run = _register(sequence, settings, store, workers, seed, priors, watch)
-    return replace(run, calibration=replace(found, beforehand=True))
+    # Both were asked for: a second answer would stand in camera.yaml beside the numbers of the first.
+    known = settings.model_copy(update={"calibrate": "off"})
+    run = _register(sequence, known, store, workers, seed, priors, watch)
+    return replace(run, settings=settings, calibration=replace(found, beforehand=True))
 
 
 def asks_for_two_cameras(sequence: Sequence, settings: Settings) -> bool:
@@ -89,9 +91,9 @@ def two_cameras(
     some = sequence.thinned(FRAMES_OF_TWO)
     alone = settings.tracking.model_copy(update={"enabled": False})
     asking = settings.model_copy(update={"calibrate": "on", "tracking": alone})
-    look_up = look_up_depth(some, settings.depth, workers)
+    read_depth = depth_reader(some, settings.depth, workers)
     try:
-        return _register(some, asking, store, workers, seed, NO_PRIORS, Stopwatch(), look_up).calibration
+        return _register(some, asking, store, workers, seed, NO_PRIORS, Stopwatch(), read_depth).calibration
     except RegistrationError as error:
         LOG.warning("the depth camera stays as it was given: %s", error)
         return None
@@ -105,9 +107,9 @@ def _register(
     seed: int,
     priors: Priors,
     watch: Stopwatch,
-    look_up: LookUp | None = None,
+    read_depth: DepthReader | None = None,
 ) -> Registration:
-    """The stages; `look_up`: for a depth camera of its own that is asked for."""
+    """The stages; `read_depth`: for a depth camera of its own that is asked for."""
     run, estimation = Run(store, workers, seed), settings.estimation
     whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
@@ -150,7 +152,16 @@ def _register(
         raise RegistrationError(_why_nothing(scans, edges, settings), found(unknown))
     with watch.stage("refinement"):
         refined = refine(
-            poses, edges, scans, settings.refine, settings.bundle, vertical, run, between, settings.calibrate, look_up
+            poses,
+            edges,
+            scans,
+            settings.refine,
+            settings.bundle,
+            vertical,
+            run,
+            between,
+            settings.calibrate,
+            read_depth,
         )
     of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
     if settings.refine != "none":

@@ -56,7 +56,7 @@ class EarlierStages(Store):
 def ladder(models: tuple[tuple[str, ...], ...]) -> Iterator[None]:
     """Only these models are tried, each beside those before it."""
     usual = self_calibration.LADDER
-    self_calibration.LADDER = models  # type: ignore[assignment]
+    self_calibration.LADDER = models
     try:
         yield
     finally:

@@ -17,10 +17,10 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, OF_DEPTH, CameraParameters
 from miniloop_cli.refinement.camera_priors import prior_sigmas
-from miniloop_cli.refinement.lookup import TwoCameras, with_steps
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust
 from miniloop_cli.refinement.self_calibration import self_calibrate
 from miniloop_cli.refinement.timing import Measurements
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.sequence import DepthCamera
@@ -60,7 +60,7 @@ def calibrated(scene: Room, truth: CameraParameters, rng: Generator) -> tuple[Ca
     """What the recording tells, from poses that begin a little off, and its errors in standard deviations."""
     images = depth_images(scene, truth, rng)
 
-    def look_up(color: Camera, own: DepthCamera, frame: Ints, px: Floats) -> tuple[Floats, Floats]:
+    def read_depth(color: Camera, own: DepthCamera, frame: Ints, px: Floats) -> tuple[Floats, Floats]:
         z_m, slope = np.full(len(px), np.nan), np.zeros((len(px), 2))
         for number in np.unique(frame):
             mine = frame == number
@@ -69,19 +69,19 @@ def calibrated(scene: Room, truth: CameraParameters, rng: Generator) -> tuple[Ca
 
     n = len(scene.T)
     measured = _measured(scene, truth, rng)
-    z_m, slope = look_up(GUESSED, OWN, measured.frame, measured.px_ideal)
+    z_m, slope = read_depth(GUESSED, OWN, measured.frame, measured.px_ideal)
     measured = replace(measured, z_m=z_m, slope=slope)
     moving = MovingCamera(GUESSED, np.arange(n, dtype=float) * 10, np.ones(n, bool))
     off = se3.pose(se3.exp_so3(0.01 * rng.standard_normal((n, 3))), 0.01 * rng.standard_normal((n, 3)))
     begin = adjust(scene.T @ off, measured, GUESSED, ROUGH, 1).T_world_cam
     fine = replace(SHARP, depth_sigma_factor=1.0)
-    found = self_calibrate(begin, measured, moving, NO_TIMING, ROUGH, fine, 1, TwoCameras(OWN, look_up))
+    found = self_calibrate(begin, measured, moving, NO_TIMING, ROUGH, fine, 1, TwoCameras(OWN, read_depth))
     return found, (found.theta - truth.theta) / found.sigmas if found else np.zeros(0)
 
 
 def depth_images(scene: Room, truth: CameraParameters, rng: Generator) -> list[Floats32]:
     """What the true depth camera measures in each frame (h, w) m, with the noise of the model."""
-    own = with_steps(OWN, truth.of_depth_camera)
+    own = OWN.moved(truth.of_depth_camera)
     camera, T = own.camera, scene.T @ own.T_color_depth
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.backproject(np.stack([u.ravel(), v.ravel()], 1).astype(float), np.ones(u.size))

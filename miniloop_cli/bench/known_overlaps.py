@@ -49,7 +49,7 @@ class Overlaps:
         """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
         i, j = np.asarray(pairs, np.int64).reshape(-1, 2).T
         E = se3.inverse(self.T_world_cam[i]) @ self.T_world_cam[j] @ np.reshape(T_j_i, (-1, 4, 4))
-        return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+        return se3.angle_and_distance(E)
 
     def true_matches(self, pair: Pair, rows: Ints) -> int:
         """How many of the matches (m, 2) the true relative pose brings within RIGHT_M of each other."""

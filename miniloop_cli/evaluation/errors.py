@@ -13,7 +13,7 @@ def relative_errors(T_est: Floats, T_true: Floats, pairs: Ints) -> tuple[Floats,
     """Degrees (m,) and metres (m,) of E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) for (m, 2) row pairs of (n, 4, 4) P and Q."""
     i, j = pairs[:, 0], pairs[:, 1]
     E = se3.inverse(se3.inverse(T_true[i]) @ T_true[j]) @ (se3.inverse(T_est[i]) @ T_est[j])
-    return se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+    return se3.angle_and_distance(E)
 
 
 def consecutive_pairs(n: int) -> Ints:

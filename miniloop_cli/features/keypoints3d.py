@@ -75,9 +75,14 @@ def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> 
     for axis in range(2):
         step = np.eye(2)[axis] * SLOPE_STEP_PX
         before, after = depth_at(depth_m, px - step, settings), depth_at(depth_m, px + step, settings)
-        smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
-        slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
+        slope[:, axis] = smooth_slope(before, z_m, after)
     return slope
+
+
+def smooth_slope(before_m: Floats, z_m: Floats, after_m: Floats) -> Floats:
+    """Slope (n,) in m/px from depths (n,) SLOPE_STEP_PX before, at and after pixels; 0 where they bend or are NaN."""
+    smooth = np.abs(before_m + after_m - 2 * z_m) < 0.01 + 0.03 * z_m
+    return np.where(smooth, (after_m - before_m) / (2 * SLOPE_STEP_PX), 0.0)
 
 
 # Variance of a blob in its radius squared: SIFT's radius is two sigma, and the variance 2^(1/3) sigma^2, between those

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from miniloop_cli.config import Depth
-from miniloop_cli.features.keypoints3d import SLOPE_STEP_PX, depth_at
+from miniloop_cli.features.keypoints3d import SLOPE_STEP_PX, depth_at, smooth_slope
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import DepthCamera
@@ -28,8 +28,7 @@ def depth_on_rays(
     for axis in range(2):
         step = np.eye(2)[axis] * SLOPE_STEP_PX
         before, after = (_on_rays(depth_m, px + sign * step, color, own, settings, z_m) for sign in (-1, 1))
-        smooth = np.abs(before + after - 2 * z_m) < 0.01 + 0.03 * z_m
-        slope[:, axis] = np.where(smooth, (after - before) / (2 * SLOPE_STEP_PX), 0.0)
+        slope[:, axis] = smooth_slope(before, z_m, after)
     return z_m, slope
 
 

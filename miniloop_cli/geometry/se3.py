@@ -114,6 +114,11 @@ def rotation_angle_deg(R: Floats) -> Floats:
     return np.degrees(np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1))
 
 
+def angle_and_distance(T: Floats) -> tuple[Floats, Floats]:
+    """Rotation angles (...) in degrees, and lengths (...) of the translations in metres, of poses (..., 4, 4)."""
+    return rotation_angle_deg(T[..., :3, :3]), np.linalg.norm(T[..., :3, 3], axis=-1)
+
+
 def project_so3(M: Floats) -> Floats:
     """Nearest rotations (Frobenius) to (..., 3, 3) matrices."""
     U, _, Vt = np.linalg.svd(M)

@@ -45,10 +45,9 @@ class Observations:
     @staticmethod
     def of(tracks: Tracks, scans: ScanSet, min_frames: int) -> Observations:
         """Of the tracks that so many keyframes saw."""
-        first = np.cumsum([0, *(len(features) for features in scans.features)])
         long = np.bincount(tracks.track, minlength=tracks.count) >= min_frames
         kept = long[tracks.track]
-        row = first[tracks.frame[kept]] + tracks.feature[kept]
+        row = scans.first_feature[tracks.frame[kept]] + tracks.feature[kept]
         px = np.concatenate([features.px_ideal for features in scans.features])[row]
         z_m = np.concatenate([features.z_m for features in scans.features])[row]
         return Observations(tracks.frame[kept], tracks.track[kept], px, z_m)

@@ -12,7 +12,7 @@ from miniloop_cli.mapping.retrieval import index
 from miniloop_cli.refinement.tracks import build_tracks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import scan_points
-from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap
+from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap, first_keyframes
 from miniloop_cli.typing import Floats, Ints
 
 
@@ -35,7 +35,7 @@ def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTab
 
 def matches_of_edges(parts: Sequence[MapPart], between: EdgeTable) -> tuple[Ints, list[Ints]]:
     """Pairs (m, 2) of keyframes, counted through the recordings, and the inliers (k, 2) of the edge of each."""
-    first = np.cumsum([0, *(len(part) for part in parts)])
+    first = first_keyframes(parts)
     pairs = [part.edges.pairs + start for part, start in zip(parts, first, strict=False)]
     tables = [*(part.edges for part in parts), between]
     return np.concatenate([*pairs, between.pairs]), [

@@ -61,7 +61,7 @@ class Locator:
         common = pinhole(scene_map.parts[0].camera)
         features = [features_in(f, part.camera, common) for part in scene_map.parts for f in part.features]
         views = [view_in(view, part.camera, common) for part in scene_map.parts for view in part.views]
-        piece = np.repeat(scene_map.joined.piece, np.diff(scene_map.first))
+        piece = scene_map.joined.piece[scene_map.of_part]
         sample = np.full((len(features), 60, 3), np.nan)
         for k, (scan, T) in enumerate(zip(features, scene_map.joined.T_world_cam, strict=True)):
             if len(scan):

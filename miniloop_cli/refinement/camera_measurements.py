@@ -15,11 +15,11 @@ from miniloop_cli.refinement.bundle_problem import Bundle
 from miniloop_cli.refinement.free_depth_term import FreeDepthTerm
 from miniloop_cli.refinement.free_pixel_term import FreePixelTerm
 from miniloop_cli.refinement.free_terms import FreeTerm
-from miniloop_cli.refinement.lookup import Lookup
 from miniloop_cli.refinement.points import initial_points
 from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.track_rows import TrackRows
+from miniloop_cli.refinement.two_cameras import ReadingChange
 from miniloop_cli.typing import Bools, Floats, Ints
 
 
@@ -27,7 +27,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 class CameraMeasurements:
     """k rows sorted by track, then by frame: frame, track (k,), measured px (k, 2), z_m (k,) m or NaN; rho (k,).
 
-    `lookup`: where z_m depends on where a depth camera of its own stands.
+    `change`: where z_m depends on where a depth camera of its own stands.
     """
 
     frame: Ints
@@ -35,24 +35,24 @@ class CameraMeasurements:
     px: Floats
     z_m: Floats
     rho: Floats
-    lookup: Lookup | None = None
+    change: ReadingChange | None = None
 
     @staticmethod
     def of(
-        frame: Ints, track: Ints, px: Floats, z_m: Floats, size: tuple[int, int], lookup: Lookup | None = None
+        frame: Ints, track: Ints, px: Floats, z_m: Floats, size: tuple[int, int], change: ReadingChange | None = None
     ) -> CameraMeasurements:
         """Rows in any order, in images of this width and height; those that no lens images (NaN) are left out."""
         order = np.lexsort((frame, track))
         order = order[np.isfinite(px[order]).all(axis=1)]
         edge = depth_model.rho(px[order], *size)
-        lookup = lookup and lookup.subset(order)
-        return CameraMeasurements(frame[order], track[order], px[order], z_m[order], edge, lookup)
+        change = change and change.subset(order)
+        return CameraMeasurements(frame[order], track[order], px[order], z_m[order], edge, change)
 
     def subset(self, rows: Bools) -> CameraMeasurements:
         """The rows (k,) that are kept."""
-        lookup = self.lookup and self.lookup.subset(rows)
+        change = self.change and self.change.subset(rows)
         return CameraMeasurements(
-            self.frame[rows], self.track[rows], self.px[rows], self.z_m[rows], self.rho[rows], lookup
+            self.frame[rows], self.track[rows], self.px[rows], self.z_m[rows], self.rho[rows], change
         )
 
 
@@ -67,7 +67,7 @@ def free_bundle(
     """The bundle at poses (n, 4, 4), its terms, and the measurements whose points can be told there."""
     camera = parameters.camera
     ideal = camera.undistort(measured.px)
-    z_m = measured.z_m if measured.lookup is None else measured.z_m + measured.lookup.step(parameters.theta)
+    z_m = measured.z_m if measured.change is None else measured.z_m + measured.change.step(parameters.theta)
     z_m = z_m + parameters.depth_step(z_m, measured.rho)
     origin = T_world_cam[:, :3, 3].mean(axis=0)
     R, t = np.ascontiguousarray(project_so3(T_world_cam[:, :3, :3])), T_world_cam[:, :3, 3] - origin
@@ -80,6 +80,6 @@ def free_bundle(
     of_pixels, of_depth = (Robust(settings.kernel, scale) for scale in (settings.scale_px, settings.scale_depth))
     terms: list[FreeTerm] = [
         FreePixelTerm(np.ascontiguousarray(kept.px.T), parameters, settings.sigma_px, of_pixels),
-        FreeDepthTerm(kept.z_m, sigma_m, kept.rho, parameters, of_depth, kept.lookup),
+        FreeDepthTerm(kept.z_m, sigma_m, kept.rho, parameters, of_depth, kept.change),
     ]
     return Bundle(tracks, terms, pose_terms, R, t, X, origin, jobs, settings.least_curvature), terms, kept

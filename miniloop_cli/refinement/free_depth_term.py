@@ -14,9 +14,9 @@ import numpy as np
 
 from miniloop_cli.geometry.camera_parameters import NAMES, OF_DEPTH, CameraParameters
 from miniloop_cli.geometry.depth_model import basis
-from miniloop_cli.refinement.lookup import Lookup
 from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.refinement.terms import NEAR_M
+from miniloop_cli.refinement.two_cameras import ReadingChange
 from miniloop_cli.typing import Floats, Ints
 
 
@@ -24,7 +24,7 @@ from miniloop_cli.typing import Floats, Ints
 class FreeDepthTerm:
     """Readings (k,) m, NaN where there is none, their standard deviations (k,) m, and where in the image they are.
 
-    `rho` (k,): squared share of the half diagonal. `lookup`: where the readings depend on the parameters themselves.
+    `rho` (k,): squared share of the half diagonal. `change`: where the readings depend on the parameters themselves.
     """
 
     z_m: Floats
@@ -32,11 +32,11 @@ class FreeDepthTerm:
     rho: Floats
     parameters: CameraParameters
     robust: Robust
-    lookup: Lookup | None = None
+    change: ReadingChange | None = None
 
     def of(self, rows: Ints) -> Self:
-        lookup = self.lookup and self.lookup.subset(rows)
-        return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows], rho=self.rho[rows], lookup=lookup)
+        change = self.change and self.change.subset(rows)
+        return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows], rho=self.rho[rows], change=change)
 
     def at(self, parameters: CameraParameters) -> Self:
         return replace(self, parameters=parameters)
@@ -53,13 +53,13 @@ class FreeDepthTerm:
         residual = (p_cam[2] - corrected) / sigma_m
         found = np.zeros((1, len(NAMES), len(residual)))
         found[0, OF_DEPTH] = -value / sigma_m - residual * growth
-        if self.lookup:
-            found[0] -= self.lookup.by_theta * (1 / self.sigma_m)  # the correction grows with the reading as sigma does
+        if self.change:
+            found[0] -= self.change.by_theta * (1 / self.sigma_m)  # the correction grows with the reading as sigma does
         return found
 
     def _corrected(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Corrected depths (k,) or NaN, their sigmas (k,); derivatives (4, k) of the depth and of the log of sigma."""
-        z_m = self.z_m if self.lookup is None else self.z_m + self.lookup.step(self.parameters.theta)
+        z_m = self.z_m if self.change is None else self.z_m + self.change.step(self.parameters.theta)
         reading = np.isfinite(z_m)
         z_m = np.where(reading, z_m, 1.0)
         value, slope = basis(z_m, self.rho, self.parameters.middle_m)

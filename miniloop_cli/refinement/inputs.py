@@ -6,7 +6,7 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.refinement.lookup import TwoCameras
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks

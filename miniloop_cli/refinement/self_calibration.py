@@ -7,7 +7,7 @@
    and the others are fitted again: a camera that only turns, a plane, or a single distance leave some of them open.
 
 A depth camera of its own, known but roughly, is read at the wrong place. Within a fit a reading moves along the slope
-of the depth (lookup.py), after it the depth is registered to colour anew.
+of the depth (two_cameras.py), after it the depth is registered to colour anew.
 """
 
 from __future__ import annotations
@@ -33,15 +33,16 @@ from miniloop_cli.refinement.camera_problem import CameraProblem
 from miniloop_cli.refinement.held_out import held_out
 from miniloop_cli.refinement.jackknife import image_part
 from miniloop_cli.refinement.levenberg_marquardt import minimise
-from miniloop_cli.refinement.lookup import TwoCameras
 from miniloop_cli.refinement.rolling_shutter import MovingCamera, in_busiest_run
 from miniloop_cli.refinement.timing import Measurements, corrected
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Ints
 
 LOG = logging.getLogger("miniloop")
-LADDER = (INTRINSICS, DISTORTION[:2], DISTORTION[2:], depth_model.NAMES)  # each model has those before it, too
+# Each model has the parameters of those before it, too.
+LADDER: tuple[tuple[str, ...], ...] = (INTRINSICS, DISTORTION[:2], DISTORTION[2:], depth_model.NAMES)
 # Where two cameras do not fit together nothing else can be told before they do.
 LADDER_OF_TWO = ((*INTRINSICS, *depth_camera_parameters.NAMES), DISTORTION, depth_model.NAMES)
 MAX_LOOKS, STEPS_A_LOOK, SETTLED_PX = 12, 4, 0.5
@@ -125,14 +126,14 @@ class _Fit:
         return found if half is None else found.subset(found.track % 2 == half)
 
     def _as_read(self, parameters: CameraParameters) -> CameraMeasurements:
-        camera, part, lookup = self.moving.camera, self.part, None
+        camera, part, change = self.moving.camera, self.part, None
         seen = camera.distort(part.px_ideal)
         if self.two:
-            z_m, slope, lookup = self.two.readings(parameters, part.frame, seen)
+            z_m, slope, change = self.two.readings(parameters, part.frame, seen)
             part = replace(part, z_m=z_m, slope=slope)
         px, z_m = corrected(part, self.motion, self.timing, camera)
         px = seen + (px - part.px_ideal)
-        return CameraMeasurements.of(part.frame, part.track, px, z_m, (camera.width, camera.height), lookup)
+        return CameraMeasurements.of(part.frame, part.track, px, z_m, (camera.width, camera.height), change)
 
     def problem(
         self, T: Floats, measured: CameraMeasurements, start: CameraParameters, free: Ints, settings: BundleSettings

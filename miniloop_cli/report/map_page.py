@@ -57,7 +57,7 @@ def _charts(scene_map: SceneMap, piece: int) -> list[Chart]:
     tracks = {r: T[:, :3, 3] for r, T in enumerate(map_trajectories(scene_map)) if r in of_piece}
     everything = np.concatenate(list(tracks.values()))
     at = scene_map.joined.T_world_cam[:, :3, 3]
-    of_part = np.repeat(np.arange(len(scene_map.parts)), np.diff(scene_map.first))
+    of_part = scene_map.of_part
     edges = scene_map.joined.edges.pairs
     edges = edges[np.isin(of_part[edges[:, 0]], of_piece)]
     charts = []

@@ -12,7 +12,6 @@ from miniloop_cli.geometry import depth_model
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import DISTORTION, NAMES, OF_ONE_CAMERA, CameraParameters
 from miniloop_cli.geometry.depth_camera_parameters import NAMES as TWO
-from miniloop_cli.geometry.depth_camera_parameters import moved
 from miniloop_cli.scene.sequence import DepthCamera
 from miniloop_cli.typing import Floats, Ints
 
@@ -62,8 +61,8 @@ class Calibration:
         """The calibrated depth camera, where depth has one of its own."""
         if self.depth_given is None:
             return None
-        own, T = moved(self.depth_given.camera, self.depth_given.T_color_depth, self.parameters.of_depth_camera)
-        return DepthCamera(replace(own, trust=Trust.CALIBRATED), tuple(T.ravel().tolist()))
+        found = self.depth_given.moved(self.parameters.of_depth_camera)
+        return replace(found, camera=replace(found.camera, trust=Trust.CALIBRATED))
 
     @property
     def parameters(self) -> CameraParameters:

@@ -6,13 +6,15 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.points import ScanPoints, scan_points
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.thumbnail import View
-from miniloop_cli.typing import Floats
+from miniloop_cli.typing import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class ScanSet:
     def features(self) -> list[ScanFeatures]:
         """Features of each scan."""
         return [scan.features for scan in self.extracted]
+
+    @cached_property
+    def first_feature(self) -> Ints:
+        """(n + 1,) number of the first feature of each scan, counted through all of them; the last is their total."""
+        return np.cumsum([0, *(len(features) for features in self.features)])
 
     @cached_property
     def points(self) -> list[ScanPoints]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -99,6 +99,16 @@ class Joined:
     relative_gap: float = float("inf")
 
 
+def first_keyframes(parts: Sequence[MapPart]) -> Ints:
+    """(r + 1,) number of the first keyframe of each recording, counted through all of them; the last is their total."""
+    return np.cumsum([0, *(len(part) for part in parts)])
+
+
+def recording_of_keyframes(parts: Sequence[MapPart]) -> Ints:
+    """(K,) the number of the recording of each keyframe."""
+    return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+
+
 @dataclass(frozen=True)
 class SceneMap:
     """Recordings, how they lie to each other, and the settings (as saved) and the seed that made them."""
@@ -116,7 +126,12 @@ class SceneMap:
     @cached_property
     def first(self) -> Ints:
         """(r + 1,) number of the first keyframe of each recording, and how many there are."""
-        return np.cumsum([0, *(len(part) for part in self.parts)])
+        return first_keyframes(self.parts)
+
+    @cached_property
+    def of_part(self) -> Ints:
+        """(K,) the number of the recording of each keyframe."""
+        return recording_of_keyframes(self.parts)
 
     @cached_property
     def features(self) -> list[ScanFeatures]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.geometry.depth_camera_parameters import moved
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
@@ -122,6 +123,11 @@ class DepthCamera:
     def T_color_depth(self) -> Floats:
         """(4, 4)."""
         return np.array(self.pose_rows).reshape(4, 4)
+
+    def moved(self, step: Floats) -> DepthCamera:
+        """The depth camera with the steps (8,) of geometry.depth_camera_parameters taken."""
+        camera, T = moved(self.camera, self.T_color_depth, step)
+        return DepthCamera(camera, tuple(T.ravel().tolist()))
 
     def sees_as(self, color: Camera) -> bool:
         """Whether a pixel of depth is taken to be that of colour: the same camera at the same place."""

@@ -37,7 +37,7 @@ from miniloop_cli.refinement.tracks import Tracks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.scan_set import ScanSet
-from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap
+from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap, recording_of_keyframes
 from miniloop_cli.stages.join import join
 from miniloop_cli.stages.keyframes import common_scans, photometric_check
 from miniloop_cli.stages.run import Run
@@ -90,20 +90,21 @@ def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> Sce
 def _extended(
     before: SceneMap, part: MapPart, solved: Mapping[Pair, EdgeTable], settings: Settings, run: Run
 ) -> Joined:
-    """How the recordings lie to each other; Raises MustAdjustAll."""
+    """How the recordings lie to each other. Raises MustAdjustAll."""
     if settings.refine != "bundle":
         raise MustAdjustAll(f"refine is {settings.refine}")
     parts, old = (*before.parts, part), before.joined
-    of_part = np.repeat(np.arange(len(parts)), [len(one) for one in parts])
+    of_part = recording_of_keyframes(parts)
     new = of_part == len(parts) - 1
     scans = common_scans(parts)
     placed = _placed(before, part, scans, solved, settings, run)
     T = np.concatenate([old.T_world_cam, part.T_world_key])
     covariance = np.concatenate([old.covariance, part.covariance[part.keyframe]])
-    first = np.cumsum([0, *(len(features) for features in scans.features)])
     if placed is None:
         piece = by_size(np.append(old.piece, old.piece.max() + 1), of_part)
-        tracks = extended_tracks(old.landmarks, first, part.edges.pairs + int(np.argmax(new)), _inliers(part.edges))
+        tracks = extended_tracks(
+            old.landmarks, scans.first_feature, part.edges.pairs + int(np.argmax(new)), _inliers(part.edges)
+        )
         return replace(
             old, T_world_cam=T, covariance=covariance, piece=piece, landmarks=landmarks(scans.points, T, tracks)
         )
@@ -112,7 +113,10 @@ def _extended(
     pairs = near_pairs(T, np.concatenate([placed.near, np.flatnonzero(new)]), scans, settings.bundle)
     pairs = [pair for pair in pairs if new[pair[1]]]
     tracks = extended_tracks(
-        old.landmarks, first, np.array(pairs, np.int64), matched_again(T, pairs, scans, settings.bundle, run.workers)
+        old.landmarks,
+        scans.first_feature,
+        np.array(pairs, np.int64),
+        matched_again(T, pairs, scans, settings.bundle, run.workers),
     )
     T[inside], covariance[new] = _adjusted(T, covariance, old.landmarks, tracks, inside, new, scans, settings, run)
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
@@ -132,7 +136,7 @@ def _placed(
     """
     parts, last, n = (*before.parts, part), len(before.parts), int(before.first[-1])
     counts = [len(one) for one in parts]
-    of_part = np.repeat(np.arange(len(parts)), counts)
+    of_part = recording_of_keyframes(parts)
     old_piece = np.append(before.joined.piece, -1)[of_part]  # of each keyframe
     own = as_one_table(counts, [one.edges for one in parts], {})
     between = as_one_table(counts, [], {pair: edges for pair, edges in solved.items() if pair[1] == last})
@@ -169,12 +173,11 @@ def _placed(
     beside = np.flatnonzero((poses.component == main) & (old_piece[chosen] == piece))
     where = before.joined.T_world_cam[chosen[beside]]
     T = moved_onto(poses.T_world_cam[beside], where) @ poses.T_world_cam
-    off = se3.inverse(where) @ T[beside]
-    angle, distance = se3.rotation_angle_deg(off[:, :3, :3]), np.linalg.norm(off[:, :3, 3], axis=1)
-    if (angle > settings.averaging.max_residual_deg).any() or (distance > settings.averaging.max_residual_m).any():
-        raise MustAdjustAll(
-            f"by {part.name}, keyframes lie up to {100 * distance.max():.0f} cm and {angle.max():.1f} deg elsewhere"
-        )
+    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(where) @ T[beside])
+    most = settings.averaging
+    if (angle_deg > most.max_residual_deg).any() or (distance_m > most.max_residual_m).any():
+        cm, deg = 100 * distance_m.max(), angle_deg.max()
+        raise MustAdjustAll(f"by {part.name}, keyframes lie up to {cm:.0f} cm and {deg:.1f} deg elsewhere")
     T_own = np.tile(np.eye(4), (len(chosen), 1, 1))
     T_own[is_new] = part.T_world_key
     T = whole_recordings(T_own, Poses(T, poses.component), np.flatnonzero(is_new), of_part[chosen])
@@ -197,7 +200,6 @@ def _adjusted(
 
     Raises MustAdjustAll where the new ones are not tied to the map, or it moves by more than it thought possible.
     """
-    first = np.cumsum([0, *(len(features) for features in scans.features)])
     seen = Observations.of(tracks, scans, settings.bundle.min_frames)
     seen = seen.subset(inside[seen.frame])
     if np.intersect1d(untied(seen.track, seen.frame, inside), np.flatnonzero(new)).size:
@@ -205,13 +207,12 @@ def _adjusted(
     jobs = run.workers.threads
     local = adjusted_locally(T, seen, new, scans, settings.bundle, jobs)
     LOG.info("%d keyframes of the map share points with the new ones", int((local.active & ~new).sum()))
-    points = known_points(known, tracks, first)[: len(local.points)]
+    points = known_points(known, tracks, scans.first_feature)[: len(local.points)]
     points = np.where(np.isfinite(local.points), local.points, points)
     fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
     after, points = adjusted_together(local.T_world_cam, points, seen, fixed, scans, settings.bundle, jobs)
     old = np.flatnonzero(inside & ~new)
-    E = se3.inverse(T[old]) @ after[old]
-    angle_deg, distance_m = se3.rotation_angle_deg(E[:, :3, :3]), np.linalg.norm(E[:, :3, 3], axis=1)
+    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T[old]) @ after[old])
     moved = surprise(T[old], after[old], covariance[old])
     LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg", 100 * distance_m.max(), angle_deg.max())
     far = (moved > MAX_SURPRISE) & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))

@@ -21,7 +21,7 @@ from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.scan_set import ScanSet
-from miniloop_cli.scene.scene_map import Joined, MapPart, SceneMap
+from miniloop_cli.scene.scene_map import Joined, MapPart, SceneMap, first_keyframes, recording_of_keyframes
 from miniloop_cli.stages.artifacts import JOINED
 from miniloop_cli.stages.keyframes import common_scans, photometric_check
 from miniloop_cli.stages.run import Run
@@ -36,7 +36,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     `known`: edges between recordings that were solved before, by their numbers in `parts`; the others are solved now.
     """
     found = index([f for part in parts for f in part.features], parts[0].feature_type, len(parts[0]))
-    first = np.cumsum([0, *(len(part) for part in parts)])
+    first = first_keyframes(parts)
     solved = dict(known)
     for last in range(1, len(parts)):
         if any((a, last) not in known for a in range(last)):
@@ -47,7 +47,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     photometric = photometric_check(parts, scans, settings, run) if looks else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
     poses, _ = prove_optimum(poses, edges, settings.averaging)
-    of_part = np.repeat(np.arange(len(parts)), np.diff(first))
+    of_part = recording_of_keyframes(parts)
     between = of_part[edges.i] != of_part[edges.j]
     piece = pieces_of(edges.subset(edges.verified & between), of_part, len(parts), poses.component)
     T = np.concatenate([part.T_world_key for part in parts])
@@ -79,7 +79,7 @@ def _tracks(
     piece (K,): of each keyframe. Recordings by themselves have those of their edges.
     """
     pairs, matches = matches_of_edges(parts, used)
-    of_part = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    of_part = recording_of_keyframes(parts)
     several = np.array([len(np.unique(of_part[piece == number])) > 1 for number in range(piece.max(initial=-1) + 1)])
     own = np.flatnonzero(~several[piece[pairs[:, 0]]])
     pairs, matches = pairs[own], [matches[e] for e in own]
@@ -87,7 +87,7 @@ def _tracks(
         near = near_pairs(T, np.flatnonzero(piece == number), scans, settings.bundle)
         pairs = np.concatenate([pairs, np.array(near, np.int64).reshape(-1, 2)])
         matches += matched_again(T, near, scans, settings.bundle, run.workers)
-    return build_tracks(np.cumsum([0, *(len(features) for features in scans.features)]), pairs, matches)
+    return build_tracks(scans.first_feature, pairs, matches)
 
 
 def _settled(

@@ -43,7 +43,7 @@ class Evidence(NamedTuple):
     def of(scene_map: SceneMap) -> Evidence:
         """The evidence of a map."""
         scans = common_scans(scene_map.parts)
-        body = np.repeat(np.arange(len(scene_map.parts)), np.diff(scene_map.first))
+        body = scene_map.of_part
         several = np.bincount(scene_map.joined.piece)[scene_map.joined.piece] > 1
         photometric = PhotometricCheck(scans.thumbnails, scans.points, (), (), scans.camera)
         return Evidence(scene_map, body, np.flatnonzero(several[body]), photometric)
@@ -177,7 +177,7 @@ def _proof(evidence: Evidence, settings: Settings) -> Certificate | None:
         return None
     scene_map, count = evidence.scene_map, len(evidence.body)
     own = as_one_table([len(part) for part in scene_map.parts], [part.edges for part in scene_map.parts], {})
-    edges = EdgeTable.of([*own.edges(), *scene_map.joined.edges.edges()])
+    edges = EdgeTable.concatenated([own, scene_map.joined.edges])
     edges = edges.subset(np.isin(edges.i, evidence.joined) & np.isin(edges.j, evidence.joined))
     label = components(count, edges.pairs[usable_edges(edges, count)])
     alone = np.bincount(label)[label] < 2

@@ -13,7 +13,7 @@ from miniloop_cli.mapping.common_camera import features_in, pinhole, view_in
 from miniloop_cli.runtime.artifact_store import Arrays, content_fingerprint, fingerprint
 from miniloop_cli.scene.extracted_scan import ExtractedScan
 from miniloop_cli.scene.scan_set import ScanSet
-from miniloop_cli.scene.scene_map import MapPart
+from miniloop_cli.scene.scene_map import MapPart, first_keyframes
 from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.stages.artifacts import REPETITION
 from miniloop_cli.stages.run import Run
@@ -27,7 +27,7 @@ def common_scans(parts: Sequence[MapPart], chosen: Ints | None = None) -> ScanSe
 
     `chosen`: ascending numbers (k,) of some of them, counted through the recordings.
     """
-    common, first = pinhole(parts[0].camera), np.cumsum([0, *(len(part) for part in parts)])
+    common, first = pinhole(parts[0].camera), first_keyframes(parts)
     rows = np.arange(first[-1]) if chosen is None else chosen
     extracted, keys = [], []
     for r, part in enumerate(parts):

@@ -10,7 +10,7 @@ import numpy as np
 from miniloop_cli.config import Bundle, Calibrate, Refinement
 from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
-from miniloop_cli.refinement.lookup import LookUp, TwoCameras
+from miniloop_cli.refinement.two_cameras import DepthReader, TwoCameras
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
@@ -35,13 +35,13 @@ def refine(
     run: Run,
     between: Between | None = None,
     calibrate: Calibrate = "auto",
-    look_up: LookUp | None = None,
+    read_depth: DepthReader | None = None,
 ) -> Refined:
     """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
 
     `vertical`: what an accelerometer says of it; the poses come out level then, z up. `between`: of a whole
     recording, whose keyframes the scans are; then the poses are those of all its frames. `calibrate`: whether the
-    recording is asked for its camera; `look_up`: and for the depth camera beside it.
+    recording is asked for its camera; `read_depth`: and for the depth camera beside it.
     """
     depth_camera = scans.sequence.depth_camera
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
@@ -53,7 +53,7 @@ def refine(
         scans.camera,
         scans.feature_type,
         vertical,
-        TwoCameras(depth_camera, look_up) if look_up and depth_camera else None,
+        TwoCameras(depth_camera, read_depth) if read_depth and depth_camera else None,
     )
     if method == "none" or not len(inside):
         from miniloop_cli.refinement.joint import level

@@ -12,7 +12,7 @@ from miniloop_cli.features.retrieval import around
 from miniloop_cli.mapping.retrieval import most_similar
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import Matches
-from miniloop_cli.scene.scene_map import MapPart
+from miniloop_cli.scene.scene_map import MapPart, first_keyframes
 from miniloop_cli.stages.candidates import comparer
 from miniloop_cli.stages.keyframes import common_scans
 from miniloop_cli.stages.run import Run
@@ -30,7 +30,7 @@ def solve_between(parts: Sequence[MapPart], vectors: Floats32, settings: Setting
     of all others that look most alike, then those around pairs that match. Kept are edges that were not rejected, with
     their inliers only; by the numbers of the recordings, keyframes numbered within the two.
     """
-    first = np.cumsum([0, *(len(part) for part in parts)])
+    first = first_keyframes(parts)
     last, n, count = len(parts) - 1, int(first[-2]), int(first[-1])
     alike = {(int(i), j) for j in range(n, count) for i in most_similar(vectors[:n], vectors[j], MOST_COMPARED)}
     ends = np.unique([i for i, _ in alike])

@@ -82,8 +82,7 @@ def bends(T_world_cam: Floats, T_own: Floats, body: Ints, settings: Averaging) -
     found = dict[int, Bend]()
     a = np.flatnonzero(body[:-1] == body[1:])
     step, own = (se3.inverse(T[a]) @ T[a + 1] for T in (T_world_cam, T_own))
-    change = se3.inverse(own) @ step
-    angle_deg, distance_m = se3.rotation_angle_deg(change[:, :3, :3]), np.linalg.norm(change[:, :3, 3], axis=1)
+    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(own) @ step)
     size = np.maximum(angle_deg / settings.max_residual_deg, distance_m / settings.max_residual_m)
     for k in np.argsort(size, kind="stable"):
         if size[k] > 1:

@@ -94,7 +94,7 @@ def step_sizes(T_world_cam: Floats, scans: Ints, stamps_s: Floats) -> tuple[Floa
     """Degrees, metres and seconds (m - 1,) from each of m `scans` to the next one."""
     T, stamps_s = T_world_cam[scans], stamps_s[scans]
     step = se3.inverse(T[:-1]) @ T[1:]
-    return se3.rotation_angle_deg(step[:, :3, :3]), np.linalg.norm(step[:, :3, 3], axis=1), np.diff(stamps_s)
+    return *se3.angle_and_distance(step), np.diff(stamps_s)
 
 
 def usual(size: Floats, time_s: Floats, judged: Bools) -> Floats:

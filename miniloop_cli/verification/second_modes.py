@@ -60,6 +60,5 @@ def second_modes(
 
 def differ(T_a: Floats, T_b: Floats, settings: Averaging) -> bool:
     """Whether two relative poses (4, 4) are farther apart than edges may be from poses."""
-    E = se3.inverse(T_a) @ T_b
-    angle_deg, distance_m = float(se3.rotation_angle_deg(E[:3, :3])), float(np.linalg.norm(E[:3, 3]))
-    return angle_deg > settings.max_residual_deg or distance_m > settings.max_residual_m
+    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_a) @ T_b)
+    return bool(angle_deg > settings.max_residual_deg or distance_m > settings.max_residual_m)

@@ -81,7 +81,7 @@ def test_what_cannot_be_calibrated_is_one_line(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_depth_camera_that_is_a_guess_is_asked_for_and_everything_says_so(tmp_path):
+def test_a_depth_camera_that_is_a_guess_is_asked_for_and_everything_says_so(shared, tmp_path):
     """Colour and depth, both taken for the same camera, as 7-Scenes has them: it is 2.5 cm and 0.5 degrees beside."""
     settings = SimulationSettings(
         frames=16, width=320, height=240, path="xyz", depth_baseline_m=0.025, depth_turn_deg=0.5, depth_focal_px=292.5
@@ -90,13 +90,14 @@ def test_a_depth_camera_that_is_a_guess_is_asked_for_and_everything_says_so(tmp_
     guess = {"fx": 280.0, "fy": 280.0, "cx": 160.0, "cy": 120.0, "width": 320, "height": 240, "trust": "guess"}
     beside = {"depth_camera": guess | {"T_color_depth": np.eye(4).tolist()}}
     (tmp_path / "guess.yaml").write_text(yaml.safe_dump(guess | {"depth_scale": 5000} | beside))
-    errors = {}
-    for name, more in (("off", ["--calibrate", "off"]), ("auto", [])):
+    errors, refined = {}, {}
+    for name, more in (("off", ["--calibrate", "off"]), ("auto", []), ("on", ["--calibrate", "on"])):
         out = tmp_path / name
         done = launch("register", room, "--camera", tmp_path / "guess.yaml", "-o", out, "-j", 1, *more)
         assert done.returncode == 0, done.stderr
         told = launch("eval", out, "--gt", room, "--json", "-")
         errors[name] = json.loads(told.stdout)["ate_rmse_m"]
+        refined[name] = set((shared / "cache" / "refined").iterdir())
     assert errors["auto"] < 0.5 * errors["off"] and errors["auto"] < 0.005
     told = json.loads((tmp_path / "auto" / "summary.json").read_text())
     numbers = told["calibration"]["parameters"]
@@ -106,4 +107,9 @@ def test_a_depth_camera_that_is_a_guess_is_asked_for_and_everything_says_so(tmp_
     camera = yaml.safe_load((tmp_path / "auto" / "camera.yaml").read_text())
     assert camera["depth_camera"]["fx"] == pytest.approx(numbers["depth_fx"]["value"], rel=1e-5)
     assert "trust" not in camera["depth_camera"]
+    # Who asks for it gets the same: the run with both cameras known does not ask for one of them a second time.
+    assert refined["auto"] > refined["off"] and refined["on"] == refined["auto"]
+    asked = yaml.safe_load((tmp_path / "on" / "camera.yaml").read_text())
+    assert asked["fx"] == camera["fx"] == pytest.approx(numbers["fx"]["value"], rel=1e-5)
+    assert yaml.safe_load((tmp_path / "on" / "config.yaml").read_text())["calibrate"] == "on"
     assert "depth_shift_x_m" in (tmp_path / "auto" / "report.html").read_text()

@@ -14,7 +14,7 @@ from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA, CameraParameters
 from miniloop_cli.geometry.depth_registration import register_depth
 from miniloop_cli.refinement.camera_priors import prior_sigmas
-from miniloop_cli.refinement.lookup import TwoCameras, with_steps
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.sequence import DepthCamera
 
@@ -77,10 +77,10 @@ def test_readings_move_as_is_said():
     frame = np.zeros(300, int)
     two = TwoCameras(given, lambda color, own, _, px: depth_on_rays(depth_m, px, color, own, Depth()))
     start = CameraParameters(COLOR, np.zeros(len(NAMES)), 2.0)
-    z_m, _, lookup = two.readings(start, frame, px)
+    z_m, _, change = two.readings(start, frame, px)
     sigma = prior_sigmas(COLOR, given.camera)
     for k, name in enumerate(NAMES):
-        if not lookup.by_theta[k].any():
+        if not change.by_theta[k].any():
             assert name in ("offset_m", "bend_per_m", "radial", "radial_bend_per_m")
             continue
         h = 0.02 * sigma[k]
@@ -92,7 +92,7 @@ def test_readings_move_as_is_said():
         told = np.isfinite(found) & np.isfinite(z_m)
         assert told.mean() > 0.9
         scale = np.abs(found[told]).max()
-        np.testing.assert_allclose(lookup.by_theta[k, told], found[told], atol=0.03 * scale + 1e-4, err_msg=name)
+        np.testing.assert_allclose(change.by_theta[k, told], found[told], atol=0.03 * scale + 1e-4, err_msg=name)
 
 
 def test_what_is_estimated_is_a_depth_camera():
@@ -100,7 +100,7 @@ def test_what_is_estimated_is_a_depth_camera():
     theta[OF_ONE_CAMERA:] = STEP
     status = np.where(np.arange(len(NAMES)) >= OF_ONE_CAMERA, int(Status.ESTIMATED), int(Status.NO_GAIN))
     found = Calibration(COLOR, theta, np.diag(prior_sigmas(COLOR, OWN.camera) ** 2), status, 2.0, 0.5, 0.1, 0.02, OWN)
-    expected = with_steps(OWN, STEP)
+    expected = OWN.moved(STEP)
     assert found.depth_camera.pose_rows == expected.pose_rows and found.depth_camera.camera.fx == expected.camera.fx
     assert found.depth_camera.camera.trust == Trust.CALIBRATED
     values = {each.name: each for each in found.values()}

@@ -15,10 +15,10 @@ from miniloop_cli.scene.sequence import DepthCamera
 from miniloop_cli.typing import Bools, Floats, Ints
 
 # Depths (k,) m or NaN and slopes (k, 2) m/px at pixels (k, 2) of frames (k,), with depth registered to colour.
-LookUp = Callable[[Camera, DepthCamera, Ints, Floats], tuple[Floats, Floats]]
+DepthReader = Callable[[Camera, DepthCamera, Ints, Floats], tuple[Floats, Floats]]
 
 
-class Lookup(NamedTuple):
+class ReadingChange(NamedTuple):
     """How readings (k,) change with the parameters: by_theta (len(NAMES), k), looked up at `theta`."""
 
     theta: Floats
@@ -28,9 +28,9 @@ class Lookup(NamedTuple):
         """(k,) m, to first order."""
         return np.asarray((theta - self.theta) @ self.by_theta, float)
 
-    def subset(self, rows: Ints | Bools) -> Lookup:
+    def subset(self, rows: Ints | Bools) -> ReadingChange:
         """Those of the rows (indices or a mask)."""
-        return Lookup(self.theta, self.by_theta[:, rows])
+        return ReadingChange(self.theta, self.by_theta[:, rows])
 
 
 @dataclass(frozen=True)
@@ -38,25 +38,19 @@ class TwoCameras:
     """A depth camera that is known but roughly, and where its readings are looked up."""
 
     given: DepthCamera
-    look_up: LookUp
+    read_depth: DepthReader
 
     def at(self, parameters: CameraParameters) -> DepthCamera:
         """The depth camera with the steps taken."""
-        return with_steps(self.given, parameters.of_depth_camera)
+        return self.given.moved(parameters.of_depth_camera)
 
-    def readings(self, parameters: CameraParameters, frame: Ints, px: Floats) -> tuple[Floats, Floats, Lookup]:
+    def readings(self, parameters: CameraParameters, frame: Ints, px: Floats) -> tuple[Floats, Floats, ReadingChange]:
         """Depths (k,) m or NaN, slopes (k, 2) m/px at measured pixels (k, 2) of frames (k,), and how they depend."""
         own, color = self.at(parameters), parameters.camera
-        z_m, slope = self.look_up(color, own, frame, px)
+        z_m, slope = self.read_depth(color, own, frame, px)
         X = color.backproject(color.undistort(px), np.where(np.isfinite(z_m), z_m, 1.0))
         by_theta = np.zeros((len(NAMES), len(px)))
         # A step of the colour camera shifts the surface in its image, and another part of it is read.
         by_theta[:OF_PIXELS] = -np.einsum("ki,ijk->jk", slope, parameters.project(X.T).by_parameters)
         by_theta[OF_ONE_CAMERA:] = of_two.reading_slopes(X, slope, color, own.camera, own.T_color_depth)
-        return z_m, slope, Lookup(parameters.theta, np.where(np.isfinite(z_m), by_theta, 0.0))
-
-
-def with_steps(given: DepthCamera, step: Floats) -> DepthCamera:
-    """The depth camera with the steps (8,) taken."""
-    camera, T = of_two.moved(given.camera, given.T_color_depth, step)
-    return DepthCamera(camera, tuple(T.ravel().tolist()))
+        return z_m, slope, ReadingChange(parameters.theta, np.where(np.isfinite(z_m), by_theta, 0.0))

@@ -11,13 +11,13 @@ from miniloop_cli.datasets.read import read_own_depth
 from miniloop_cli.errors import InputError
 from miniloop_cli.features.ray_depth import depth_on_rays
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.refinement.lookup import LookUp
+from miniloop_cli.refinement.two_cameras import DepthReader
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.sequence import DepthCamera, Sequence
 from miniloop_cli.typing import Floats, Floats32, Ints
 
 
-def look_up_depth(sequence: Sequence, depth: Depth, workers: Workers) -> LookUp:
+def depth_reader(sequence: Sequence, depth: Depth, workers: Workers) -> DepthReader:
     """How depth of the frames of a sequence is looked up; frames that cannot be read have none.
 
     It keeps the depth images: a megabyte a frame.
@@ -30,7 +30,7 @@ def look_up_depth(sequence: Sequence, depth: Depth, workers: Workers) -> LookUp:
         except InputError:
             return None
 
-    def look_up(color: Camera, own: DepthCamera, frame: Ints, px: Floats) -> tuple[Floats, Floats]:
+    def read_depth(color: Camera, own: DepthCamera, frame: Ints, px: Floats) -> tuple[Floats, Floats]:
         order = np.argsort(frame, kind="stable")
         numbers, start = np.unique(frame[order], return_index=True)
         rows = np.split(order, start[1:])
@@ -49,4 +49,4 @@ def look_up_depth(sequence: Sequence, depth: Depth, workers: Workers) -> LookUp:
             z_m[mine], slope[mine] = readings, along
         return z_m, slope
 
-    return look_up
+    return read_depth
