@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +13,7 @@ import numpy as np
 from miniloop_cli.errors import InputError
 from miniloop_cli.results.folder import Results, column
 from miniloop_cli.results.rejected_matches import Matches, read_rejected
+from miniloop_cli.results.stored_arrays import read_covariances, read_inliers
 from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.sequence import Sequence as Recording
 from miniloop_cli.scene.verdict import Verdict
@@ -215,45 +215,3 @@ def whole(values: Floats, path: Path) -> Ints:
     if not (np.isfinite(values).all() and (values >= 0).all() and (values % 1 == 0).all() and (values < 2**31).all()):
         raise InputError(f"{path}: columns i and j must be frame numbers, whole and from 0")
     return values.astype(np.int64)
-
-
-def read_inliers(root: Path, edges: int) -> dict[int, tuple[Floats, Floats]]:
-    """inliers.npz: offsets (m + 1,), px_i and px_j (k, 2), the edges in the order of edges.csv; {} without it.
-
-    Raises InputError where it does not belong to this edges.csv.
-    """
-    path = root / "inliers.npz"
-    if not path.is_file():
-        return {}
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            offsets, px_i, px_j = (np.asarray(stored[name]) for name in ("offsets", "px_i", "px_j"))
-        starts = offsets.astype(np.int64)
-        sound = offsets.shape == (edges + 1,) and px_i.shape == px_j.shape == (starts[-1], 2)
-        if not sound or px_i.dtype.kind + px_j.dtype.kind != "ff" or starts[0] != 0 or (np.diff(starts) < 0).any():
-            raise ValueError(f"arrays do not fit {edges} edges")
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
-        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
-    return {k: (px_i[a:b], px_j[a:b]) for k, (a, b) in enumerate(itertools.pairwise(starts))}
-
-
-def read_covariances(root: Path, frames: int) -> Floats | None:
-    """covariances.npz as (n, 6, 6), NaN for frames that are not in it; None without the file.
-
-    Raises InputError where it does not belong to a run of so many frames.
-    """
-    path = root / "covariances.npz"
-    if not path.is_file():
-        return None
-    found = np.full((frames, 6, 6), np.nan)
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            numbers, covariance = np.asarray(stored["frames"]), np.asarray(stored["covariance"])
-        if numbers.dtype.kind not in "iu" or covariance.dtype.kind != "f" or covariance.shape != (len(numbers), 6, 6):
-            raise ValueError("expected frames (k,) and covariance (k, 6, 6)")
-        if len(numbers) and not (numbers.min() >= 0 and numbers.max() < frames):
-            raise ValueError(f"frames beyond the {frames} of the run")
-        found[numbers] = covariance
-    except Exception as error:  # as above
-        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
-    return found

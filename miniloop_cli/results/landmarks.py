@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.errors import InputError
+from miniloop_cli.results.stored_arrays import stored_arrays
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
 
@@ -23,9 +23,7 @@ def read_landmarks(path: Path) -> Landmarks:
     """What `write_landmarks` wrote; none without the file. Raises InputError for anything else."""
     if not path.is_file():
         return NO_LANDMARKS
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            points, point, frame, px = (np.asarray(stored[name]) for name in ("points", "point", "frame", "px_ideal"))
+    with stored_arrays(path, "points", "point", "frame", "px_ideal") as (points, point, frame, px):
         k, kinds = len(point), [array.dtype.kind for array in (points, point, frame, px)]
         if kinds != list("fiif") or points.shape != (len(points), 3) or frame.shape != (k,) or px.shape != (k, 2):
             raise ValueError("expected points (p, 3), point (k,), frame (k,) and px_ideal (k, 2)")
@@ -33,6 +31,4 @@ def read_landmarks(path: Path) -> Landmarks:
             raise ValueError("coordinates must be finite")
         if k and not (point.min() >= 0 and point.max() < len(points) and frame.min() >= 0):
             raise ValueError(f"sightings of points beyond the {len(points)}, or of negative frames")
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
-        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
     return Landmarks(points.astype(float), point.astype(np.int32), frame.astype(np.int32), px.astype(np.float32))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.errors import InputError
+from miniloop_cli.results.stored_arrays import are_offsets, stored_arrays
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.typing import Bools, Floats, Ints
@@ -58,18 +58,14 @@ def read_rejected(root: Path, edges: int) -> dict[int, Matches]:
     path = root / "rejected.npz"
     if not path.is_file():
         return {}
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            rows, offsets, px, agrees = (np.asarray(stored[name]) for name in ("edges", "offsets", "px", "agrees"))
+    with stored_arrays(path, "edges", "offsets", "px", "agrees") as (rows, offsets, px, agrees):
         if rows.dtype.kind + offsets.dtype.kind + px.dtype.kind + agrees.dtype.kind != "iiub":
             raise ValueError("expected edges (r,), offsets (r + 1,), px (k, 4) and agrees (k,)")
-        sound = rows.ndim == 1 and offsets.shape == (len(rows) + 1,) and px.shape == (len(agrees), 4)
-        if not sound or offsets[0] != 0 or offsets[-1] != len(px) or (np.diff(offsets) < 0).any():
+        sound = rows.ndim == 1 and px.shape == (len(agrees), 4)
+        if not sound or not are_offsets(offsets, len(rows), len(px)):
             raise ValueError("offsets do not fit the matches")
         if len(rows) and not (rows.min() >= 0 and rows.max() < edges):
             raise ValueError(f"edges beyond the {edges} of edges.csv")
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
-        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
     ends = itertools.pairwise(offsets.tolist())
     pixels = px.astype(float)
     return {k: (pixels[a:b, :2], pixels[a:b, 2:], agrees[a:b]) for k, (a, b) in zip(rows.tolist(), ends, strict=True)}

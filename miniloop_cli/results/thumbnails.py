@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from miniloop_cli.errors import InputError
+from miniloop_cli.results.stored_arrays import are_offsets, stored_arrays
 from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.typing import Bytes
 
@@ -26,15 +26,11 @@ def read_thumbnails(path: Path) -> dict[int, Bytes]:
     """The JPEG files (n,) that `write_thumbnails` wrote; {} without the file. Raises InputError for anything else."""
     if not path.is_file():
         return {}
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            frames, offsets, jpeg = (np.asarray(stored[name]) for name in ("frames", "offsets", "jpeg"))
+    with stored_arrays(path, "frames", "offsets", "jpeg") as (frames, offsets, jpeg):
         sound = frames.dtype.kind + offsets.dtype.kind == "ii" and jpeg.dtype == np.uint8 and jpeg.ndim == 1
-        if not sound or frames.ndim != 1 or offsets.shape != (len(frames) + 1,):
+        if not sound or frames.ndim != 1:
             raise ValueError("expected frames (k,), offsets (k + 1,) and jpeg, bytes")
-        if offsets[0] != 0 or offsets[-1] != len(jpeg) or (np.diff(offsets) < 0).any() or (frames < 0).any():
+        if not are_offsets(offsets, len(frames), len(jpeg)) or (frames < 0).any():
             raise ValueError("offsets do not fit the files")
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
-        raise InputError(f"{path}: {error}; run `miniloop register` again") from error
     ends = itertools.pairwise(offsets.tolist())
     return {k: jpeg[a:b] for k, (a, b) in zip(frames.tolist(), ends, strict=True)}
