@@ -14,6 +14,8 @@ from miniloop_cli.typing import Floats, Ints, Pair
 
 SAMPLE = 100  # points that stand for a scan
 MIN_SHARE = 0.3  # of them that must be in view of the other scan
+NEAR_M = 0.2  # nothing is seen nearer
+CELLS = 4  # rows and columns of a view, to tell which part of it points cover
 
 
 def sample_points(points: Sequence[ScanPoints]) -> Floats:
@@ -61,6 +63,22 @@ def pairs_in_view(
     return pairs
 
 
+def shared_with_view(T_world_cam: Floats, sample: Floats, camera: Camera) -> Floats:
+    """(n,) what each scan and the view from T_world_cam (4, 4) both show; sample (n, s, 3) m: its points in the world.
+
+    The smaller one of two shares: of the points that lie in this view, and of the view that they cover. A scan from
+    much nearer shows a small part of the view only.
+    """
+    p_cam = (sample - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
+    ahead = p_cam[..., 2] > NEAR_M
+    px = camera.project(np.where(ahead[..., None], p_cam, 1.0).reshape(-1, 3)).reshape(*ahead.shape, 2)
+    inside = ahead & (px >= 0).all(axis=-1) & (px < (camera.width, camera.height)).all(axis=-1)
+    covered = np.zeros((len(sample), CELLS, CELLS), bool)
+    column, row = (px[inside] * CELLS / (camera.width, camera.height)).astype(int).T
+    covered[np.nonzero(inside)[0], row, column] = True
+    return np.minimum(inside.mean(axis=1), covered.mean(axis=(1, 2)))
+
+
 def _views(
     T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera
 ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -78,7 +96,7 @@ def _share(T: Floats, points: Floats, lens: Floats, least: float) -> float:
     for k in range(count):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        if depth > 0.2:
+        if depth > NEAR_M:
             u = lens[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + lens[2]
             v = lens[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + lens[3]
             seen += 0 <= u < lens[4] and 0 <= v < lens[5]

@@ -15,6 +15,7 @@ from miniloop_cli.features.lsh_match import MAX_FEATURES, Sketcher, match_sketch
 from miniloop_cli.features.retrieval import described
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.graph.visibility import shared_with_view
 from miniloop_cli.mapping.absolute_pose import PoseEstimate, Sightings, refined_pose, robust_pose
 from miniloop_cli.mapping.common_camera import features_in, pinhole, view_in
 from miniloop_cli.mapping.location import Location, doubts_about, lost, unknown_motion
@@ -29,12 +30,11 @@ from miniloop_cli.verification.photometric import compare_views
 from miniloop_cli.verification.photometric_check import agreement_ratio
 
 CANDIDATES = 10  # keyframes that an image is compared with
-NEAREST = 6  # keyframes, of those that see the same place, that it is then matched with again
+NEAREST, MIN_SHARED = 6, 0.2  # keyframes that it is then matched with again, and what they share with it at least
 MIN_MATCHES = 8  # with a keyframe, to take part
 THRESHOLD_PX = 8.0  # while sampling: points are some millimetres off, and rolling shutters bend images
 MIN_INLIERS, MIN_SHARE = 12, 0.1  # that agree, of the matches: at a wrong pose up to a twelfth of some 200 do by chance
 MIN_ALIKE = 0.4  # share of the common view that must look alike
-MOST_MATCHED = 3  # keyframes
 RATIO = 0.8  # of the distances of the nearest and the second nearest descriptor
 RIVAL = 0.5  # share of the inliers with which another pose makes this one doubtful
 OTHER_DEG, OTHER_M = 5.0, 0.1  # from where on a pose is another one
@@ -118,26 +118,20 @@ class Locator:
         for _ in range(2):
             fit = refined_pose(T, seen, self.common, with_focal=query.rough)
             focal, T = focal * fit.focal, fit.T_world_cam
-            guided = self._guided(query, T, piece, focal, found)
+            guided = self._guided(query, T, piece, focal)
             if not guided:
                 return None
             seen, of_keyframe = self.sightings(query, guided, focal)
         fit = refined_pose(T, seen, self.common, with_focal=query.rough)
         return _Candidate(fit, seen, of_keyframe, piece, focal * fit.focal, found)
 
-    def _guided(
-        self, query: Query, T_world_cam: Floats, piece: int, focal: float, found: dict[int, Ints]
-    ) -> dict[int, Ints]:
-        """Matches (k, 2) where this pose says that they must be, with the keyframes that share most with this view.
-
-        And with those of most matches in `found`: what lies in view may have been seen from much nearer.
-        """
+    def _guided(self, query: Query, T_world_cam: Floats, piece: int, focal: float) -> dict[int, Ints]:
+        """Matches (k, 2) with the keyframes that share most with this view, where the pose says that they must be."""
         bundle, kind = Bundle(), self.scene_map.feature_type
         features = self.query_features(query, focal)
         own, scale = compact(features.descriptors, kind)
-        ready, guided = searchable(features, own, self.common), {}
-        matched = sorted(found, key=lambda k: -len(found[k]))[:MOST_MATCHED]
-        for k in sorted({*self.near(T_world_cam, piece).tolist(), *matched}):
+        ready, found = searchable(features, own, self.common), {}
+        for k in self.near(T_world_cam, piece).tolist():
             if k not in self._ready:
                 self._ready[k] = searchable(
                     self.features[k], compact(self.features[k].descriptors, kind)[0], self.common
@@ -147,21 +141,14 @@ class Locator:
                 ready, self._ready[k], T_key_cam, self.common, bundle.radius_px, bundle.max_distance2 * scale
             )
             if len(rows):
-                guided[k] = rows
-        return guided
+                found[k] = rows
+        return found
 
     def near(self, T_world_cam: Floats, piece: int) -> Ints:
         """Numbers (k,) of the keyframes of a piece that share most with the view from T_world_cam (4, 4)."""
-        p_cam = (self.sample - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            u, v = (
-                f * p_cam[..., axis] / p_cam[..., 2] + c
-                for axis, f, c in ((0, self.common.fx, self.common.cx), (1, self.common.fy, self.common.cy))
-            )
-            inside = (p_cam[..., 2] > 0.2) & (u >= 0) & (v >= 0) & (u < self.common.width) & (v < self.common.height)
-        share = np.where(self.piece == piece, inside.mean(axis=1), 0.0)
+        share = np.where(self.piece == piece, shared_with_view(T_world_cam, self.sample, self.common), 0.0)
         best = np.argsort(-share, kind="stable")[:NEAREST]
-        return best[share[best] > 0.2]
+        return best[share[best] > MIN_SHARED]
 
     def query_features(self, query: Query, focal: float) -> ScanFeatures:
         """The image's features in the common camera, its focal length times a factor."""
