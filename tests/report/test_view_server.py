@@ -153,15 +153,18 @@ def test_tiles_and_meshes_in_a_browser(run, tmp_path):
     write_ply(tmp_path / "room.ply", room, np.full((60_000, 3), 90, np.uint8))
     with Browser(800, 600) as browser:
         view = "document.getElementById('viewer').view"
-        for shown, points in (
-            (show_result(load(run.results, run.sequence)), 2000),
-            (show_model(tmp_path / "room.ply", None), 60_000),
-            (show_model(tmp_path / "ball.ply", "z"), 4),
+        for shown, points, has_frames in (
+            (show_result(load(run.results, run.sequence)), 2000, True),
+            (show_model(tmp_path / "room.ply", None), 60_000, False),
+            (show_model(tmp_path / "ball.ply", "z"), 4, False),
         ):
             with serving(shown) as server:
                 browser.open(urlsplit(server.address).geturl())
                 browser.settle()
                 assert browser.run("document.getElementById('viewer').dataset.ready") == "true"
+                layers = browser.run("document.getElementById('v-layers').innerText")
+                assert "model" in layers and ("cameras" in layers) == ("path" in layers) == has_frames
+                assert browser.run("document.getElementById('v-nothing').innerText") == ""
                 # Coming closer fetches what is finer, until all is there.
                 browser.run(f"{view}.stage.canvas.focus()")
                 browser.until(

@@ -25,6 +25,7 @@ import { Timeline } from "./timeline.js";
 import { fromBase64, unpackMatches } from "./unpack.js";
 
 const LINK_MS = 250;
+const LOADING = "The model is being loaded.";
 const NO_POSE = "No frame has a pose. Step through the frames to see why.";
 const CLICK_PX = 5; // a pointer that moved farther turned the view
 
@@ -35,6 +36,7 @@ const say = words => { part("said").textContent = words; };
 async function start(viewer) {
   const source = await openSource();
   const { scene } = source;
+  part("nothing").textContent = LOADING;
   const frames = new Frames(scene.frames, scene.camera, scene.recordings);
   viewer.classList.toggle("v-alone", !frames.count); // a model without frames
   const stage = new Stage(part("canvas"), scene.up);
@@ -58,8 +60,8 @@ async function start(viewer) {
 
   const layers = [
     { words: "model", objects: [model?.object], on: true },
-    { words: cameras.words, objects: [cameras.object], on: true },
-    { words: "path", objects: [cameras.path], on: true },
+    ...(frames.count ? [{ words: cameras.words, objects: [cameras.object], on: true },
+      { words: "path", objects: [cameras.path], on: true }] : []),
     ...(ellipsoids.known ? [{ words: `uncertainty (${ellipsoids.words})`, objects: [ellipsoids.object], on: false }] : []),
     ...(scene.truth ? [{ words: "ground truth", objects: [new Beside(scene.truth, frames, TRUTH, stage).object], on: true }] : []),
     ...(scene.other ? [{ words: scene.other.name, objects: [new Beside(scene.other.positions, frames, OTHER, stage).object], on: true }] : []),
@@ -203,10 +205,9 @@ async function start(viewer) {
   use("orbit");
   navigation.overview();
   showEdges();
-  if (!frames.placed.length && frames.count) {
-    say(NO_POSE);
-    part("nothing").textContent = NO_POSE;
-  }
+  const empty = !frames.placed.length && frames.count > 0;
+  part("nothing").textContent = empty ? NO_POSE : "";
+  if (empty) say(NO_POSE);
   follow();
   viewer.dataset.ready = "true";
   // For tests, and for a look from the console.
@@ -216,6 +217,7 @@ async function start(viewer) {
 const viewer = document.getElementById("viewer");
 if (viewer)
   start(viewer).catch(error => {
+    part("nothing").textContent = "";
     part("said").textContent = `The 3D view cannot be shown here: ${error.message}`;
     viewer.dataset.ready = "failed";
   });
