@@ -111,14 +111,18 @@ def camera_rows(runs: int, frames: int, points: int, seed: int, workers: Workers
         one for run in range(runs) if (one := _run(np.random.default_rng((seed, run)), frames, points)) is not None
     ]
     for k, name in enumerate(NAMES[:OF_ONE_CAMERA]):
-        sigmas = np.array([each[0][k] for each in found if each[1][k] == Status.ESTIMATED])
-        yield {
-            "parameter": name,
-            "runs": runs,
-            "estimated": len(sigmas),
-            "within_3_sigma": float((np.abs(sigmas) < 3).mean()) if len(sigmas) else None,
-            "rms_sigmas": float(np.sqrt((sigmas**2).mean())) if len(sigmas) else None,
-        }
+        yield row_of(name, runs, np.array([each[0][k] for each in found if each[1][k] == Status.ESTIMATED]))
+
+
+def row_of(parameter: str, runs: int, sigmas: Floats) -> Row:
+    """A row of the table; sigmas (k,): errors of a parameter in standard deviations, in the runs that estimated it."""
+    return {
+        "parameter": parameter,
+        "runs": runs,
+        "estimated": len(sigmas),
+        "within_3_sigma": float((np.abs(sigmas) < 3).mean()) if len(sigmas) else None,
+        "rms_sigmas": float(np.sqrt((sigmas**2).mean())) if len(sigmas) else None,
+    }
 
 
 def _run(rng: Generator, frames: int, points: int) -> tuple[Floats, Ints] | None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from benchmarks.experiments.known_cameras import GUESSED, MIDDLE_M, ROUGH, SHARP, walk
+from benchmarks.experiments.known_cameras import GUESSED, MIDDLE_M, ROUGH, SHARP, row_of, walk
 from miniloop_cli.bench import Row
 from miniloop_cli.config import Depth
 from miniloop_cli.features.ray_depth import depth_on_rays
@@ -124,11 +124,4 @@ def two_camera_rows(runs: int, frames: int, points: int, seed: int, workers: Wor
         if calibration is not None:
             found.append((error, calibration.status))
     for k, name in enumerate(NAMES):
-        sigmas = np.array([error[k] for error, status in found if status[k] == Status.ESTIMATED])
-        yield {
-            "parameter": name,
-            "runs": runs,
-            "estimated": len(sigmas),
-            "within_3_sigma": float((np.abs(sigmas) < 3).mean()) if len(sigmas) else None,
-            "rms_sigmas": float(np.sqrt((sigmas**2).mean())) if len(sigmas) else None,
-        }
+        yield row_of(name, runs, np.array([error[k] for error, status in found if status[k] == Status.ESTIMATED]))

@@ -17,7 +17,7 @@ from miniloop_cli.typing import Floats, Ints
 
 @contextmanager
 def stored_arrays(path: Path, *names: str) -> Iterator[list[NDArray[Any]]]:
-    """The arrays of these names, of any shapes, for a block that checks them and raises ValueError for wrong ones.
+    """The arrays (...) of these names, for a block that checks them and raises ValueError for wrong ones.
 
     Raises InputError for that, and for a file that cannot be read.
     """

@@ -27,6 +27,13 @@ DRIVER = Camera(525.0, 525.0, 319.5, 239.5, 640, 480)
 THETA = np.array([0.01, 0.002, 3.0, -2.0, 0.1, -0.2, 0.001, -0.002, 0.1, 0.004, -0.006, 0.01, 0.003, *[0.0] * 8])
 
 
+def camera_file(folder, lines):
+    """A complete camera file, and these lines."""
+    text = "fx: 525.0\nfy: 525.0\ncx: 319.5\ncy: 239.5\nwidth: 640\nheight: 480\ndepth_scale: 5000\n"
+    (folder / "camera.yaml").write_text(f"{text}{lines}\n")
+    return folder / "camera.yaml"
+
+
 @pytest.mark.parametrize(
     ("camera", "layout", "given", "trust"),
     [
@@ -77,10 +84,8 @@ def test_what_stays_is_said_to_stay():
     ],
 )
 def test_impossible_camera_files_are_refused(tmp_path, lines, said):
-    text = "fx: 525.0\nfy: 525.0\ncx: 319.5\ncy: 239.5\nwidth: 640\nheight: 480\ndepth_scale: 5000\n"
-    (tmp_path / "camera.yaml").write_text(f"{text}{lines}\n")
     with pytest.raises(ConfigError, match=said):
-        read_camera_file(tmp_path / "camera.yaml")
+        read_camera_file(camera_file(tmp_path, lines))
 
 
 def test_frames_of_their_own_camera_are_resampled_as_before(tmp_path):
@@ -134,7 +139,5 @@ def test_a_depth_camera_survives_its_file_and_is_read_with_the_recording(tmp_pat
     ],
 )
 def test_impossible_depth_cameras_are_refused(tmp_path, lines, said):
-    text = "fx: 525.0\nfy: 525.0\ncx: 319.5\ncy: 239.5\nwidth: 640\nheight: 480\ndepth_scale: 5000\n"
-    (tmp_path / "camera.yaml").write_text(f"{text}{lines}\n")
     with pytest.raises(ConfigError, match=said):
-        read_camera_file(tmp_path / "camera.yaml")
+        read_camera_file(camera_file(tmp_path, lines))
