@@ -1,6 +1,6 @@
 """Four calls that do what the command line does: `register`, `calibrate`, `evaluate`, `simulate`.
 
-They leave the process as they find it: variables, handlers of signals, numba's settings, threads of other libraries.
+They do not change the process: variables, signal handlers, numba's settings and threads of other libraries.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def register(
 
     `settings`: a Settings object, a preset's name or a YAML file; `overrides`: "key=value" on top of a preset or file;
     `gravity`: an accelerometer table, `pose_prior`: a file of rough poses (docs/priors.md);
-    `topics`: those of a bag that hold colour, depth and cameras, as "color=/a,depth=/b";
-    `follow_links`: images may lie behind symbolic links that lead out of the recording;
+    `topics`: the topics of colour, depth and cameras in a bag, as "color=/a,depth=/b";
+    `follow_links`: accept images behind symbolic links that point outside the recording;
     `cluster`: the address of a Dask scheduler (docs/cluster.md).
-    Raises MiniloopError where it cannot be done; a RegistrationError leaves a report that says why.
+    Raises MiniloopError if it fails; with a RegistrationError, a report that names the reason is written.
     """
     from miniloop_cli.datasets.priors import read_priors
     from miniloop_cli.mapping.alone import map_of
@@ -96,7 +96,7 @@ def open_recording(
     follow_links: bool = False,
     topics: str = "",
 ) -> Sequence:
-    """A recording, with what was dropped, assumed or converted told. Raises InputError as `open_sequence`."""
+    """A recording; its notes are logged. Raises InputError as `open_sequence`."""
     from miniloop_cli.datasets import open_sequence
     from miniloop_cli.pipeline import tell
 
@@ -110,7 +110,7 @@ def open_recording(
 
 
 def write_run(run: Registration, target: Path, workers: Workers, store: Store, problem: str = "") -> None:
-    """All files of a run; the log before the report, which shows it; both tell of what the other files hold."""
+    """Write all files of a run; the log and the report last, as they show the other files."""
     from miniloop_cli.report.page import write_report
     from miniloop_cli.results.columns import load
     from miniloop_cli.results.log import write_log
@@ -136,9 +136,9 @@ def calibrate(
     seed: int = 0,
     quiet: bool = True,
 ) -> Calibration:
-    """The camera of a recording, from the recording itself (docs/calibration.md); nothing is written.
+    """The camera of a recording, estimated from it (docs/calibration.md); no files are written.
 
-    Raises RegistrationError where no scans could be registered, MiniloopError where their points are too few.
+    Raises RegistrationError if no scans could be registered, MiniloopError if there are too few points.
     """
     from miniloop_cli.errors import MiniloopError
     from miniloop_cli.pipeline import register as run_pipeline
@@ -151,8 +151,8 @@ def calibrate(
     run = run_pipeline(sequence, settings, Store(default_folder()), Workers(jobs, quiet), seed)
     if run.calibration is None:
         raise MiniloopError(
-            f"{sequence.root}: too few points are seen in three frames to tell the camera from them; "
-            "film a place with more texture, slowly, or raise --max-frames"
+            f"{sequence.root}: too few points are seen in three or more frames to estimate the camera; "
+            "record a place with more texture, move slowly, or raise --max-frames"
         )
     return run.calibration
 
@@ -167,8 +167,8 @@ def evaluate(
 ) -> Evaluation:
     """Errors of a results folder or a trajectory against a recording's ground truth or a trajectory file.
 
-    `edges`: an edges.csv, or a list of lines "i j", instead of the result's own verified edges. The numbers that
-    `miniloop eval --json` writes are `.numbers` of what is returned. Raises MiniloopError where it cannot be done.
+    `edges`: an edges.csv, or a list of lines "i j", instead of the result's own verified edges. `.numbers` of the
+    result are those of `miniloop eval --json`. Raises MiniloopError for unusable inputs.
     """
     from miniloop_cli.evaluation.evaluate import evaluate as run_evaluation
     from miniloop_cli.results.evaluation_inputs import read_inputs

@@ -35,10 +35,10 @@ class Depth(Section):
 
 
 class Features(Section):
-    """What is detected in the colour images."""
+    """Features of the colour images."""
 
     type: Annotated[str, OneOf(FEATURE_TYPES)] = Field("rootsift", description="Detector and descriptor.")
-    count: int = Field(3000, ge=16, description="Strongest features kept in a scan.")
+    count: int = Field(3000, ge=16, description="Largest number of features of a scan. The strongest are kept.")
     contrast: float = Field(
         0.02, gt=0, description="Contrast threshold of SIFT. A lower value finds more features in dim or plain images."
     )
@@ -51,7 +51,7 @@ class Features(Section):
     def of_keyframes(self, width: int, height: int) -> Features:
         """The settings for keyframes of whole recordings, whose images have this size in pixels.
 
-        Followed points determine the poses there; features only recognise places that were seen before.
+        Tracked points determine the poses there; features only recognise known places.
         """
         if self.first_octave != "auto" or width * height < 640 * 480:
             return self
@@ -59,7 +59,7 @@ class Features(Section):
 
 
 class Tracking(Section):
-    """Whole recordings: points are followed, and only keyframes are matched."""
+    """Whole recordings: points are tracked, and only keyframes are matched."""
 
     enabled: Literal["auto"] | bool = Field(
         "auto", description="Follow points. auto: if frames follow each other closely. false: every frame is a scan."
@@ -74,7 +74,7 @@ class Tracking(Section):
 
 
 class Matching(Section):
-    """Which features of two scans are matched."""
+    """Matches between features of two scans."""
 
     ratio: float = Field(
         0.8, gt=0, le=1, description="Ratio test: largest ratio of nearest to second-nearest descriptor distance."
@@ -84,7 +84,7 @@ class Matching(Section):
     )
     count: int = Field(1200, ge=16, description="Number of strongest features of a scan used in a full comparison.")
     min_distance_consistent: int = Field(
-        6, ge=0, description="pairs: auto. A pair with fewer matches whose mutual distances agree is left out."
+        6, ge=0, description="pairs: auto. A pair is left out if fewer of its matches have consistent mutual distances."
     )
     exhaustive_max_scans: int = Field(
         200,
@@ -153,7 +153,8 @@ class Cycles(Section):
     )
     decomposition: Literal["dfs", "support"] = Field(
         "support",
-        description="dfs: the paper's depth-first search. support: weak edges get strong partners, few are left over.",
+        description="dfs: the paper's depth-first search. support: weak edges share cycles with strong ones, and few "
+        "edges are left out.",
     )
     loop_support: bool = Field(
         True, description="Solve unverified edges again in loops with verified ones. Loops that agree confirm an edge."
@@ -166,7 +167,7 @@ class Gravity(Section):
     max_median_deg: float = Field(
         6.0,
         gt=0,
-        description="The accelerometer is refused if its median difference to verified edges is larger (degrees).",
+        description="The run stops if the readings differ from verified edges by more, at the median (degrees).",
     )
     agree_deg: float = Field(4.0, gt=0, description="An edge that agrees within this angle is confirmed (degrees).")
     max_deg: float = Field(
@@ -182,7 +183,7 @@ class Gravity(Section):
 
 
 class PosePrior(Section):
-    """With `--pose-prior`: how far rough relative poses may be off."""
+    """With `--pose-prior`: the largest errors of rough relative poses."""
 
     max_deg: float = Field(
         20.0, gt=0, description="An edge is dropped if it differs from the rough poses by more (degrees)."
@@ -260,7 +261,9 @@ class Estimation(NamedTuple):
 
 Refinement = Literal["none", "posegraph", "bundle"]
 Calibrate = Literal["off", "auto", "on"]
-_ON_OFF = BeforeValidator(lambda value: ("on" if value else "off") if isinstance(value, bool) else value)  # YAML's own
+_ON_OFF = BeforeValidator(
+    lambda value: ("on" if value else "off") if isinstance(value, bool) else value
+)  # YAML 1.1 reads on and off as booleans
 
 
 class Settings(Section):
@@ -288,5 +291,5 @@ class Settings(Section):
 
     @property
     def estimation(self) -> Estimation:
-        """What solves and judges edges."""
+        """The sections that estimate and judge edges."""
         return Estimation(self.ransac, self.verification, self.cycles)

@@ -50,14 +50,14 @@ from miniloop_cli.verification.priors import apply_priors
 
 LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
-FRAMES_OF_TWO = 40  # are plenty for two cameras
+FRAMES_OF_TWO = 40  # frames that suffice to calibrate two cameras
 
 
 @single_inner_threads()
 def register(
     sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int = 0, priors: Priors = NO_PRIORS
 ) -> Registration:
-    """Poses of all scans of a sequence; `priors`: what is known of its frames beside their images.
+    """Poses of all scans of a sequence; `priors`: of its frames.
 
     Raises RegistrationError, which carries the run so far, if no two scans could be registered.
     """
@@ -70,14 +70,14 @@ def register(
         run = _register(sequence, settings, store, workers, seed, priors, watch)
         return replace(run, calibration=run.calibration or found)
     sequence = replace(with_camera(sequence, found.camera), depth_camera=found.depth_camera)
-    # Both were asked for: a second answer would stand in camera.yaml beside the numbers of the first.
+    # Both were calibrated already; camera.yaml must not mix the values of two calibrations.
     known = settings.model_copy(update={"calibrate": "off"})
     run = _register(sequence, known, store, workers, seed, priors, watch)
     return replace(run, settings=settings, calibration=replace(found, beforehand=True))
 
 
 def asks_for_two_cameras(sequence: Sequence, settings: Settings) -> bool:
-    """Whether the depth camera of a recording is asked for: where it has one of its own, that is a guess (auto)."""
+    """Whether the depth camera of a recording is calibrated: if it is separate, and a guess (auto)."""
     if sequence.depth_camera is None or settings.refine != "bundle":
         return False
     guess = sequence.depth_camera.camera.trust == Trust.GUESS
@@ -87,7 +87,7 @@ def asks_for_two_cameras(sequence: Sequence, settings: Settings) -> bool:
 def two_cameras(
     sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int
 ) -> Calibration | None:
-    """What some evenly spaced frames tell of colour camera and depth camera; None where they cannot be registered."""
+    """Calibration of colour and depth camera from evenly spaced frames; None if they cannot be registered."""
     some = sequence.thinned(FRAMES_OF_TWO)
     alone = settings.tracking.model_copy(update={"enabled": False})
     asking = settings.model_copy(update={"calibrate": "on", "tracking": alone})
@@ -109,12 +109,12 @@ def _register(
     watch: Stopwatch,
     read_depth: DepthReader | None = None,
 ) -> Registration:
-    """The stages; `read_depth`: for a depth camera of its own that is asked for."""
+    """The stages; `read_depth`: for a separate depth camera that is calibrated."""
     run, estimation = Run(store, workers, seed), settings.estimation
     whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
         tracked = follow(sequence, settings, run)
-    if sequence.color_only:  # only now it is known what becomes of these images
+    if sequence.color_only:  # whether these images are used is known only now
         tell(sequence.color_only.taken_in if tracked else [sequence.color_only.left_out])
     if tracked:
         whole, rows = sequence.with_color_only()
@@ -172,7 +172,7 @@ def _register(
 
 
 def follow(sequence: Sequence, settings: Settings, run: Run) -> Tracked | None:
-    """What was followed through a whole recording; None for scans without order, and where pairs are listed."""
+    """Tracking through a whole recording; None for scans without order, and if pairs are listed."""
     if settings.matching.pairs not in ("auto", "exhaustive"):
         return None
     return track(sequence, settings.depth, settings.tracking, run)
@@ -228,7 +228,7 @@ def _why_nothing(scans: ScanSet, edges: EdgeTable, settings: Settings) -> str:
     if problems and len(problems) > len(scans) - 2:
         return f"{len(problems)} of {len(scans)} frames cannot be read (first: {problems[0]})"
     if len(scans) < 2:
-        return "one frame only: there is nothing to register it to"
+        return "the recording has only one frame; at least two are needed"
     with_depth = np.median([features.with_depth for features in scans.features])
     if with_depth < settings.matching.min_matches:
         return (

@@ -1,4 +1,4 @@
-"""The overlap graph of a recording with every pair compared in full, as the paper makes it, and its true poses."""
+"""The overlap graph of a recording with every pair compared in full, as in the paper, and its true poses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from miniloop_cli.stages.match import match
 from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Bools, Floats
 
-# Edges of the paper's graphs of 100 scans each; its T is not given, so that ours is told by the number of edges.
+# Edges of the paper's graphs of 100 scans each. The paper does not give T, so ours follows from the number of edges.
 PAPER_EDGES = {"freiburg1_room": 435, "freiburg1_xyz": 1751, "freiburg2_desk": 687}
 PAPER_PAIRS, OTHERS = 100 * 99 // 2, "freiburg2_desk"
 
@@ -44,7 +44,7 @@ class Overlaps:
 
     @cached_property
     def true_poses(self) -> tuple[Floats, Bools]:
-        """T_world_cam (n, 4, 4) by the ground truth, and (n,) whether it reaches to that scan."""
+        """T_world_cam (n, 4, 4) by the ground truth, and (n,) whether it covers that scan."""
         return associate(self.stamps_s, self.truth)
 
     def true_motion(self, i: int, j: int) -> Floats:
@@ -58,13 +58,13 @@ class Overlaps:
 
     @cached_property
     def least_as_in_paper(self) -> int:
-        """The T that leaves as large a share of the pairs as the paper has: of this sequence, else its middle one."""
+        """The T that keeps the paper's share of the pairs: for this sequence, else for its middle one."""
         count = len(self.points)
         edges = PAPER_EDGES[paper_sequence(self.sequence.name) or OTHERS]
         return self.least_for(round(edges / PAPER_PAIRS * count * (count - 1) / 2))
 
     def least_for(self, edges: int) -> int:
-        """The T whose graph comes nearest to so many edges."""
+        """The T whose graph has the number of edges nearest to `edges`."""
         counts = np.sort([len(rows) for rows in self.matches.values()])[::-1]
         if not len(counts):
             return 3
@@ -74,7 +74,7 @@ class Overlaps:
 
 
 def paper_sequence(name: str) -> str | None:
-    """The paper's sequence that a recording's name tells of, if any."""
+    """The paper's sequence in a recording's name, if any."""
     return next((known for known in PAPER_EDGES if known in name), None)
 
 
@@ -83,7 +83,7 @@ def open_with_truth(folder: Path, max_frames: int | None = None) -> tuple[Sequen
     sequence = open_sequence(folder, max_frames=max_frames)
     truth = read_ground_truth(sequence)
     if truth is None:
-        raise InputError(f"{folder} comes without ground truth: there is nothing to measure against")
+        raise InputError(f"{folder} has no ground truth, which this benchmark needs; choose a recording that has one")
     return sequence, truth
 
 

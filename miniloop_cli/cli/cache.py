@@ -1,4 +1,4 @@
-"""`miniloop cache`: the finished work that is kept between runs, how much of it, and removing it."""
+"""`miniloop cache`: show or remove the finished work that is kept between runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 
 DAY_S = 86400.0
 ARTEFACT = re.compile(r"(?:[0-9a-f]{32}){1,2}\.(?:npz|tar)")  # 64 digits; 32 of earlier versions
-TEMPORARY = re.compile(rf"\.{ARTEFACT.pattern}\..+\.tmp")  # left behind by a run that was killed while writing
+TEMPORARY = re.compile(rf"\.{ARTEFACT.pattern}\..+\.tmp")  # of a run that was killed while writing
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ def cache(ctx: click.Context) -> None:
         ctx.invoke(show)
 
 
-@cache.command(context_settings=CONTEXT, short_help="Where it lies and what it holds.")
+@cache.command(context_settings=CONTEXT, short_help="Show its folder and its size.")
 def show() -> None:
-    """Say where the cache lies and what it holds, by kind.
+    """Show the folder of the cache and its content by kind.
 
     \b
     Example:   miniloop cache show
@@ -65,11 +65,11 @@ def show() -> None:
     "days",
     type=click.FloatRange(min=0),
     metavar="DAYS",
-    help="Remove what was not used for this many days.",
+    help="Remove work that was not used for this many days.",
 )
 @click.option("--all", "everything", is_flag=True, help="Remove everything.")
 def prune(days: float | None, everything: bool) -> None:
-    """Remove kept work; only miniloop's own files are touched, and a run that is going on is not disturbed.
+    """Remove kept work. Only miniloop's own files are removed, and active runs are not disturbed.
 
     \b
     Example:   miniloop cache prune --older-than 30
@@ -77,7 +77,7 @@ def prune(days: float | None, everything: bool) -> None:
     from miniloop_cli.runtime.artifact_store import default_folder
 
     if everything == (days is not None):
-        raise click.UsageError("say what to remove: --older-than DAYS or --all")
+        raise click.UsageError("give --older-than DAYS or --all")
     removed = [file for file in kept_files(default_folder()) if everything or file.age_days >= (days or 0)]
     for file in removed:
         remove(file.path)
@@ -85,7 +85,7 @@ def prune(days: float | None, everything: bool) -> None:
 
 
 def kept_files(folder: Path) -> list[KeptFile]:
-    """Every file of a store, in order of kind and name; nothing else that may lie in the folder."""
+    """Every file of a store, in order of kind and name, without other files of the folder."""
     found = []
     now = time.time()
     for path in sorted(folder.glob("*/*.npz")) + sorted(folder.glob("*/*.tar")) + sorted(folder.glob("*/.*.tmp")):
@@ -100,7 +100,7 @@ def kept_files(folder: Path) -> list[KeptFile]:
 
 
 def remove(path: Path) -> None:
-    """Delete a file that may be gone already, and its folder once it is empty. Raises MiniloopError if it cannot."""
+    """Delete a file, if it still exists, and its folder once it is empty. Raises MiniloopError if that fails."""
     from contextlib import suppress
 
     from miniloop_cli.errors import MiniloopError

@@ -21,7 +21,7 @@ from miniloop_cli.cli.main import CONTEXT
     show_default=True,
     help="Camera file to write.",
 )
-@options.camera("Camera file to begin with instead of the camera found.")
+@options.camera("Camera file to start from [default: the camera of the recording].")
 @options.layout
 @options.topics
 @options.follow_links
@@ -55,8 +55,8 @@ def calibrate(
 ) -> None:
     """Estimate focal length, centre, lens and depth errors from the images of SEQ, and write a camera file.
 
-    The file serves `--camera` and other recordings of the same device. Film things at different distances,
-    and move the camera sideways, not only by turning it.
+    The file is for `--camera`, also with other recordings of the same device. Record objects at different
+    distances, and move the camera sideways instead of only turning it.
 
     \b
     Example:   miniloop calibrate my_recording -o camera.yaml

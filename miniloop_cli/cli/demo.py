@@ -1,4 +1,4 @@
-"""`miniloop demo`: simulate, register, evaluate; what a newcomer runs first."""
+"""`miniloop demo`: simulate, register, evaluate; the first command for new users."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
 
-@click.command(context_settings=CONTEXT, short_help="Simulate, register, measure: to see it work.")
+@click.command(context_settings=CONTEXT, short_help="Simulate a recording, register it, measure the error.")
 @options.output_dir("demo")
 @click.option("--frames", type=click.IntRange(min=3), default=30, show_default=True, help="Frames to simulate.")
 @options.jobs

@@ -1,4 +1,4 @@
-"""`miniloop inspect SEQ`: what a recording is and what looks wrong, before any run."""
+"""`miniloop inspect SEQ`: check a recording before a run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from miniloop_cli.inspection.findings import Finding
 
 
-@click.command(context_settings=CONTEXT, short_help="What looks wrong with a recording, before a run.")
+@click.command(context_settings=CONTEXT, short_help="Check a recording before a run.")
 @click.argument("sequence", metavar="SEQ", type=click.Path(path_type=Path))
 @options.camera()
 @click.option("--layout", metavar="NAME", help="Layout of SEQ, if it is not recognised.")
@@ -33,9 +33,9 @@ def inspect(
     seed: int,
     quiet: bool,
 ) -> None:
-    """Look at a recording before any run: what was found, what looks wrong, and what to do about it.
+    """Check a recording before a run: its properties, possible problems, and what to do about them.
 
-    Checks stamps, images, depth range, blur, exposure and features, and from a sample of frames whether the camera,
+    Checks stamps, images, depth range, blur, exposure and features. A sample of frames shows whether the camera,
     the depth scale and the registration of depth to colour are right.
 
     \b

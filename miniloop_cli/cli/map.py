@@ -1,4 +1,4 @@
-"""`miniloop map`: what a result's map holds."""
+"""`miniloop map`: the content of a result's map."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def map_group() -> None:
 @click.argument("folder", metavar="DIR", type=MAP)
 @options.json_file
 def info(folder: Path, json_path: str | None) -> None:
-    """List what the map of the result in DIR holds, and check each of its files.
+    """List the content of the map of the result in DIR, and check each of its files.
 
     \b
     Example:   miniloop map info results/desk
@@ -50,7 +50,7 @@ def info(folder: Path, json_path: str | None) -> None:
 @options.json_file
 @options.quiet
 def remove(folder: Path, name: str, jobs: int, json_path: str | None, quiet: bool) -> None:
-    """Take RECORDING out of the map of the result in DIR, and its folder out of DIR.
+    """Remove RECORDING from the map of the result in DIR, and its folder from DIR.
 
     \b
     Example:   miniloop map remove office kitchen
@@ -85,7 +85,7 @@ def describe(folder: Path, numbers: dict[str, Any]) -> list[str]:
         lines.append(f"{'joined':<12}{joint['a']} and {joint['b']} by {joint['edges']} edges")
     if numbers["pieces"] > 1:
         lines.append(f"{'pieces':<12}{numbers['pieces']}, not joined to each other")
-    if verdict := numbers.get("verdict"):  # of a map of several recordings; that of one has its own summary
-        first, *others = verdict["reasons"] or ["nothing speaks against it"]
+    if verdict := numbers.get("verdict"):  # of a map of several recordings; a single one has its own summary
+        first, *others = verdict["reasons"] or ["no check contradicts it"]
         lines += [f"{verdict['level']:<12}{first}", *(f"{'':<12}{reason}" for reason in others)]
     return lines

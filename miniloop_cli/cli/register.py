@@ -106,7 +106,7 @@ def register(
 ) -> None:
     """Register the scans of SEQ: poses of all frames, one model, and the evidence for them.
 
-    Several recordings become one map, in which each has a folder of its own; -o names it.
+    Several recordings become one map, named by -o, in which each has its own folder.
 
     \b
     Example:   miniloop register rgbd_dataset_freiburg1_xyz
@@ -120,7 +120,7 @@ def register(
     if recording_path:
         from miniloop_cli.report.rerun import import_rerun
 
-        import_rerun()  # said now, not when the work is done
+        import_rerun()  # raises an error now instead of after the work
 
     if init and pose_prior:
         raise click.UsageError("--init is the old name of --pose-prior: give one of them")
@@ -144,7 +144,7 @@ def register(
         if given := [name for name, value in single.items() if value]:
             raise click.UsageError(f"{given[0]} is for one recording; {len(sequences)} are given")
         if output is None:
-            raise click.UsageError(f"{len(sequences)} recordings become one map: say where, with -o DIR")
+            raise click.UsageError(f"{len(sequences)} recordings become one map: name its folder with -o DIR")
         chosen = {"settings": config, "overrides": overrides, "layout": layout, "topics": topics, "camera": camera}
         _register_many(
             sequences, output, json_path, strict, quiet,
@@ -185,7 +185,7 @@ def register(
 def _register_many(
     sequences: tuple[Path, ...], output: Path, json_path: str | None, strict: bool, quiet: bool, **chosen: Any
 ) -> None:
-    """Several recordings, to one map."""
+    """Register several recordings into one map."""
     from miniloop_cli.cli.map import describe
     from miniloop_cli.maps import register_many
 

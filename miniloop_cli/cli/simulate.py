@@ -27,9 +27,11 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
     "--hard", multiple=True, type=click.Choice((*HARD, "all")), help="Add a stretch with this fault; may be repeated."
 )
 @click.option(
-    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="Places that look the same twice."
+    "--alike", type=click.Choice(ALIKE), default="nothing", show_default=True, help="Add places that look the same."
 )
-@click.option("--cuts", type=int, default=0, show_default=True, help="Jumps of the path that the stamps do not show.")
+@click.option(
+    "--cuts", type=int, default=0, show_default=True, help="Number of jumps of the path without a gap in the stamps."
+)
 @click.option("--noise/--no-noise", default=True, show_default=True, help="Noise, steps and holes of a Kinect.")
 @click.option("--noise-level", type=float, default=1.0, show_default=True, help="Noise as a multiple of a Kinect's.")
 @click.option("--moving-object", is_flag=True, help="A figure walks in front of the camera.")
@@ -44,10 +46,16 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 @click.option("--path-share", type=float, default=1.0, show_default=True, help="Share of the path that is walked.")
 @click.option("--focal", type=float, metavar="PX", help="Focal length [default: 525 px at a width of 640].")
 @click.option(
-    "--depth-baseline", type=float, default=0.0, show_default=True, help="A depth camera so far to the left (m)."
+    "--depth-baseline",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Distance of the depth camera to the left of colour (m).",
 )
-@click.option("--depth-turn", type=float, default=0.0, show_default=True, help="It is turned against colour (degrees).")
-@click.option("--depth-focal", type=float, metavar="PX", help="Its focal length [default: that of colour].")
+@click.option(
+    "--depth-turn", type=float, default=0.0, show_default=True, help="Rotation of the depth camera (degrees)."
+)
+@click.option("--depth-focal", type=float, metavar="PX", help="Focal length of depth [default: that of colour].")
 @click.option("--accelerometer", is_flag=True, help="Also write accelerometer.txt (m/s^2, camera axes, noisy).")
 @click.option("--overwrite", is_flag=True, help="Replace a folder that was simulated before.")
 @options.seed
@@ -84,10 +92,10 @@ def simulate(
 ) -> None:
     """Write a synthetic RGB-D recording with exact ground truth to DIR, in TUM's layout.
 
-    A furnished, textured room seen by a Kinect-like camera. The same options and seed give the same bytes.
-    The frames are spread over the whole path. With --depth-baseline, --depth-turn or --depth-focal depth is of a camera
-    of its own, which camera.yaml describes. --hard spoils stretches of the recording, in the order given; DIR gets
-    a stretches.csv that says which frames they are.
+    The scene is a furnished, textured room, seen by a Kinect-like camera. The same options and seed give the same
+    bytes. The frames are spread over the whole path. With --depth-baseline, --depth-turn or --depth-focal, depth has a
+    separate camera, which camera.yaml describes. --hard adds stretches with faults, in the given order; stretches.csv
+    lists their frames.
 
     \b
     Example:   miniloop simulate room && miniloop register room

@@ -35,7 +35,10 @@ ARCHIVE_SUFFIXES = (*ZIP_SUFFIXES, *TAR_SUFFIXES, *COMPRESSED_TARS)
 MOST_MEMBERS = 2_000_000
 MAX_UNPACKED_BYTES = 64 << 30
 FREE_BYTES = 1 << 30  # left on the disk
-MAX_RATIO, ALWAYS_BYTES = 500, 64 << 20  # of a member: what is larger and expands more is a bomb, not an image
+MAX_RATIO, ALWAYS_BYTES = (
+    500,
+    64 << 20,
+)  # of a member: larger ones that expand more are refused
 DAMAGE = (zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError, OSError)
 T = TypeVar("T")
 
@@ -74,7 +77,7 @@ def open_archive(path: Path | str) -> Archive:
 
 def _open(path: Path) -> Archive:
     name = path.name.lower()
-    with damage(lambda error: f"{shown(path)} is damaged or incomplete, or no archive: {shown(str(error))}"):
+    with damage(lambda error: f"{shown(path)} is damaged, incomplete or not an archive: {shown(str(error))}"):
         if name.endswith(TAR_SUFFIXES):
             return _open_tar(path, path)
         if name.endswith(COMPRESSED_TARS):
@@ -94,9 +97,12 @@ def _open_zip(path: Path) -> Archive:
         if info.flag_bits & 1:
             raise OSError("it is encrypted")
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise OSError("it is not compressed by deflate, as ZIP archives are read here")
+            raise OSError("its compression is not supported: ZIP archives must use deflate; pack it again")
         if info.file_size > max(ALWAYS_BYTES, MAX_RATIO * info.compress_size):
-            raise OSError(f"it claims {info.file_size / 2**20:.0f} MB of {info.compress_size} compressed bytes")
+            raise OSError(
+                f"it claims {info.file_size / 2**20:.0f} MB from {info.compress_size} compressed bytes, which is not "
+                "plausible"
+            )
         try:
             return io.BufferedReader(_Member(cast("zipfile.ZipExtFile", archive.open(info))))
         except DAMAGE as error:
@@ -106,7 +112,7 @@ def _open_zip(path: Path) -> Archive:
 
 
 class _Member(io.RawIOBase):
-    """A member of a ZIP archive, whose damage is an OSError as that of any file."""
+    """A member of a ZIP archive; damage raises OSError, as with ordinary files."""
 
     def __init__(self, inner: zipfile.ZipExtFile) -> None:
         self._inner = inner
@@ -163,13 +169,15 @@ def _open_tar(path: Path, tar: Path) -> Archive:
 
 
 def _safe(path: Path, members: Iterable[tuple[str, T]]) -> Iterator[tuple[str, T]]:
-    """Members by normal names. Raises InputError for names that lead out of the folder, double ones, too many."""
+    """Members by normalised names. Raises InputError for names outside the folder, repeated ones, and too many."""
     seen: set[str] = set()
     for name, what in members:
         plain = name.replace("\\", "/")
         parts = [part for part in plain.split("/") if part not in ("", ".")]
         if ".." in parts or plain.startswith("/") or (parts and ":" in parts[0]) or "\0" in plain or not parts:
-            raise InputError(f"{shown(path)}: the member {shown(name)} leads out of the folder; pack the folder again")
+            raise InputError(
+                f"{shown(path)}: the member {shown(name)} points outside the folder; pack the folder again"
+            )
         normal = "/".join(parts)
         if normal in seen:
             raise InputError(f"{shown(path)}: two members are called {shown(normal)}; pack the folder again")
@@ -183,7 +191,7 @@ def _safe(path: Path, members: Iterable[tuple[str, T]]) -> Iterator[tuple[str, T
 
 
 def unpacked_path(path: Path) -> Path:
-    """Where the content of a compressed tar is kept: by the file's place, size and time of change."""
+    """The cached content of a compressed tar, named by the file's path, size and time of change."""
     state = path.stat()
     key = hashlib.sha256(f"{path.resolve()}\0{state.st_size}\0{state.st_mtime_ns}".encode()).hexdigest()
     return cache_folder() / "unpacked" / f"{key}.tar"
@@ -192,7 +200,7 @@ def unpacked_path(path: Path) -> Path:
 def _decompressed(path: Path) -> Path:
     target = unpacked_path(path)
     if target.exists():
-        os.utime(target)  # when it was last used: what pruning goes by
+        os.utime(target)  # the time of last use, for pruning
         return target
     name = path.name.lower()
     kind = gzip.open if name.endswith("gz") else bz2.open if name.endswith("bz2") else lzma.open
@@ -203,7 +211,7 @@ def _decompressed(path: Path) -> Path:
         while True:
             try:
                 block = stream.read(1 << 20)
-            except DAMAGE as error:  # an OSError would be taken for one of writing
+            except DAMAGE as error:  # atomic_write would report an OSError as one of writing
                 raise InputError(f"{shown(path)} is damaged or incomplete: {shown(str(error))}") from error
             if not block:
                 return target

@@ -18,7 +18,7 @@ from miniloop_cli.scene.image_source import ImageHeader
 
 
 class Layout(NamedTuple):
-    """How pixels are stored that are not an image file: type, bytes of a row in pixels, conversion to RGB."""
+    """How raw pixels are stored: type, channels, rows, conversion to RGB."""
 
     dtype: str
     channels: int
@@ -77,7 +77,7 @@ class FileBlock:
         if len(data) != needed:
             raise InputError(f"{len(data)} bytes, expected {needed} of a {self.header()}")
         if kind.convert and (self.width % 2 or self.height % 2):
-            raise InputError(f"{self.width} x {self.height} is no size of such an image")
+            raise InputError(f"{self.width} x {self.height} is not a possible size of such an image")
         pixels = np.frombuffer(data, dtype).reshape(rows, self.width, kind.channels)
         if kind.convert:
             return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, kind.convert)))
@@ -100,7 +100,7 @@ class FileBlock:
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}") from error
         if len(data) != self.size:
-            raise InputError("the file ends within it")
+            raise InputError("the file ends within this image")
         return data
 
 
@@ -108,4 +108,4 @@ def _unzipped(data: bytes, size: int) -> bytes:
     try:
         return zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as error:
-        raise InputError("damaged, it cannot be decompressed") from error
+        raise InputError("it is damaged and cannot be decompressed") from error

@@ -54,9 +54,9 @@ class ConfidentDepth:
 
 
 def levels(stored: NDArray[Any]) -> Bytes:
-    """(h, w) levels 0 to 2 of a stored map. Raises InputError (reason only) for what is no map of confidence.
+    """(h, w) levels 0 to 2 of a stored map. Raises InputError (reason only) for other images.
 
-    A map with values above 2 is Polycam's: 0 is low, 255 high, and what lies between is medium.
+    A map with values above 2 is Polycam's: 0 is low, 255 high, and values between are medium.
     """
     if stored.ndim != 2 or stored.dtype != np.uint8:
         raise InputError("it must have one channel of 8 bits")
@@ -68,21 +68,19 @@ def levels(stored: NDArray[Any]) -> Bytes:
 def with_confidence(
     frames: tuple[Frame, ...], maps: Mapping[ImageSource, ImageSource], where: str
 ) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
-    """Frames whose depth goes by its confidence map (`maps`: by depth image), and a note; `where` names the maps."""
+    """Frames with depth filtered by its confidence map (`maps`: by depth image), and a note; `where` names the maps."""
     if not maps:
         return frames, ()
     used = [replace(f, depth=ConfidentDepth(f.depth, maps[f.depth])) if f.depth in maps else f for f in frames]
     count = sum(isinstance(frame.depth, ConfidentDepth) for frame in used)
     if count == len(frames):
         return tuple(used), (_note(where, MIN_CONFIDENCE),)
-    text = (
-        f"{where} has maps for {count} of {len(frames)} frames: the depth of the others is used whatever its confidence"
-    )
+    text = f"{where} has maps for {count} of {len(frames)} frames: all depth of the others is used"
     return tuple(used), (_note(where, MIN_CONFIDENCE), Note(NoteKind.DROPPED, text))
 
 
 def with_min_confidence(sequence: Sequence, least: int) -> Sequence:
-    """The sequence with another least confidence than the usual one: the setting `depth.min_confidence`."""
+    """The sequence with another least confidence than the default: the setting `depth.min_confidence`."""
     maps = {note: _note(where, least) for note in sequence.notes if (where := _where(note))}
     if least == MIN_CONFIDENCE or not maps:
         return sequence
@@ -97,7 +95,7 @@ _SAID = " tells how far each depth reading is trusted: "
 
 
 def _note(where: str, least: int) -> Note:
-    what = f"those of {' and '.join(WORDS[:least])} confidence are no readings" if least else "all are used"
+    what = f"readings of {' and '.join(WORDS[:least])} confidence are ignored" if least else "all are used"
     return Note(NoteKind.CONVERTED, f"{where}{_SAID}{what} (depth.min_confidence = {least})")
 
 

@@ -2,8 +2,8 @@
 
 They are those of github.com/scannetpp/scannetpp, iphone/prepare_iphone_data.py. Either each frame by itself: its size
 (uint32, little-endian), then an LZ4 block of uint16 millimetres or a raw deflate stream of float32 metres. Or one raw
-deflate stream of float32 metres of all frames, which can only be read from its start: it is read on from frame to
-frame, and the state of the decoder is kept every so many frames.
+deflate stream of float32 metres of all frames, which can only be read from its start: it is read frame by frame, and
+the state of the decoder is kept every STEP frames.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WIDTH, HEIGHT = 256, 192
 PIXELS = WIDTH * HEIGHT
 FLOAT_BYTES, SHORT_BYTES = 4 * PIXELS, 2 * PIXELS
 MAX_FILE_BYTES = 64 << 30
-MAX_BLOCK_BYTES = FLOAT_BYTES + (64 << 10)  # what does not compress grows a little
+MAX_BLOCK_BYTES = FLOAT_BYTES + (64 << 10)  # incompressible data grow a little
 MAX_FRAMES = 2_000_000
 MAX_WHOLE_FRAMES = 100_000
 STEP = 64  # frames between kept states of the decoder
@@ -92,9 +92,9 @@ _HEADER = ImageHeader(WIDTH, HEIGHT, 32, 1, "depth.bin")
 
 
 def depth_frames(path: Path, count: int) -> tuple[DepthBlock, ...] | tuple[DepthOfStream, ...]:
-    """The frames of a depth.bin; `count`: how many a file that is one stream is expected to hold.
+    """The frames of a depth.bin; `count`: the expected number in a file that is one stream.
 
-    Raises InputError naming the file for one that is in neither form.
+    Raises InputError naming the file if it has neither form.
     """
     blocks = _blocks(path)
     if blocks:
@@ -102,7 +102,7 @@ def depth_frames(path: Path, count: int) -> tuple[DepthBlock, ...] | tuple[Depth
     try:
         _inflate(zlib.decompressobj(-zlib.MAX_WBITS), _block(path, 0, MAX_BLOCK_BYTES, whole=False), FLOAT_BYTES)
     except InputError as error:
-        raise InputError(f"{shown(path)} is no depth.bin of ScanNet++: {error}") from None
+        raise InputError(f"{shown(path)} is not a depth.bin of ScanNet++: {error}") from None
     return tuple(DepthOfStream(path, k) for k in range(min(count, MAX_WHOLE_FRAMES)))
 
 
@@ -119,7 +119,7 @@ def decode_block(data: bytes) -> Floats32:
 
 
 def _blocks(path: Path) -> tuple[DepthBlock, ...]:
-    """Frames that are compressed by themselves; none where the file is not of this form."""
+    """Frames that are compressed one by one; none if the file does not have this form."""
     blocks: list[DepthBlock] = []
     with open_file(path, MAX_FILE_BYTES) as file:
         end = file.seek(0, os.SEEK_END)
@@ -136,7 +136,7 @@ def _blocks(path: Path) -> tuple[DepthBlock, ...]:
         return ()
     if offset == end:
         return tuple(blocks)
-    try:  # cut off, or of the other form: then its first bytes are no size, and what follows is no frame
+    try:  # truncated, or of the other form, whose first bytes are not a size
         blocks[0].read()
     except InputError:
         return ()
@@ -171,7 +171,7 @@ class _Stream:
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, threading.Lock()
-        # By number of frame: the decoder before it, and where the rest of its input lies in the file.
+        # By number of frame: the decoder before it, and the position of its remaining input in the file.
         self._states: dict[int, tuple[Any, int, bytes]] = {0: (zlib.decompressobj(-zlib.MAX_WBITS), 0, b"")}
         self._next, self._decoder, self._offset, self._rest = 0, *self._kept(0)
 
@@ -190,7 +190,7 @@ class _Stream:
                     if self._next == number + 1:
                         return _metres(data)
             except InputError:
-                self._next = -1  # wherever the decoder stands now
+                self._next = -1  # the state of the decoder is unknown now
                 raise
 
     def _kept(self, number: int) -> tuple[Any, int, bytes]:

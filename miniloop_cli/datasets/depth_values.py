@@ -16,12 +16,12 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Note, NoteKind, Sequence
 
 SAMPLE = 8
-METRES, MILLIMETRES = (0.05, 60.0), (80.0, 60_000.0)  # in which the median of stored distances lies
-LARGEST = 65535  # of 16 bits: nothing is measured there, whatever the scale
-MIN_SHARE = 0.01  # of the pixels that hold a value which means "no reading"
-NEXT = 0.9  # real depth ends below this part of it,
-SPIKE = 50  # or the value is held by so many times more pixels than any near it
-MIN_OTHERS = 0.05  # pixels with depth: a plain wall is no missing reading
+METRES, MILLIMETRES = (0.05, 60.0), (80.0, 60_000.0)  # range of the median of stored distances
+LARGEST = 65535  # of 16 bits: never a measured depth
+MIN_SHARE = 0.01  # of the pixels, for a value that means "no reading"
+NEXT = 0.9  # real depth ends below this part of the value,
+SPIKE = 50  # or the value has so many times more pixels than any near it
+MIN_OTHERS = 0.05  # share of pixels with other depth, as a plain wall is not missing depth
 USUAL_M = (0.3, 12.0)  # median depths of recordings
 FIVES = 0.99  # of the values are multiples of 5: millimetres that were stored at 5000 units a metre, as TUM's are
 Values = NDArray[Any]
@@ -30,12 +30,12 @@ Values = NDArray[Any]
 def understand_depth(sequence: Sequence) -> Sequence:
     """The sequence with the unit of floating-point depth and the values that mean "no reading", each with a note.
 
-    Images that cannot be read are ignored. Raises InputError where depth is floating-point in an unknown unit.
+    Images that cannot be read are ignored. Raises InputError if depth is floating-point in an unknown unit.
     """
     sample = sample_depth(sequence)
     if not sample:
         return sequence
-    stated = sequence.depth_format.floating  # then the camera's scale is for these numbers
+    stated = sequence.depth_format.floating  # then the camera's scale is for these values
     if not stated and sum(stored.dtype.kind == "f" for stored in sample) * 2 > len(sample):
         sequence = _floating(sequence, [stored for stored in sample if stored.dtype.kind == "f"])
     sample = [stored for stored in sample if (stored.dtype.kind == "f") == sequence.depth_format.floating]
@@ -43,8 +43,8 @@ def understand_depth(sequence: Sequence) -> Sequence:
     values, notes = [], list(sequence.notes)
     for value, share in no_readings(sample, form.no_reading):
         values.append(value)
-        text = f"depth {value:g} ({value / sequence.camera.depth_scale:.2f} m) is taken as no reading: "
-        text += f"{100 * share:.0f} % of the pixels hold it, and there is nothing between it and the scene"
+        text = f"depth {value:g} ({value / sequence.camera.depth_scale:.2f} m) is read as missing depth: "
+        text += f"{100 * share:.0f} % of the pixels hold it, and it is far from all other depths"
         notes.append(Note(NoteKind.ASSUMED, text))
     if sequence.camera.depth_scale_assumed and not form.floating:
         notes.append(_scale_note(sequence, sample, (*form.no_reading, *values)))
@@ -68,8 +68,8 @@ def sample_depth(sequence: Sequence) -> list[Values]:
 def no_readings(sample: Many[Values], known: tuple[float, ...] = ()) -> list[tuple[float, float]]:
     """Values that mean "no reading" besides 0, and the share of the pixels that hold each.
 
-    The largest that 16 bits can hold; and the largest and the smallest value of all, where many pixels of most frames
-    hold it and nothing lies between it and the other readings. `known` values are left out.
+    The largest value of 16 bits; and the largest and the smallest value of all, if many pixels of most frames have it
+    and it is far from the other readings. `known` values are left out.
     """
     found: list[tuple[float, float]] = []
     pixels = sum(stored.size for stored in sample)
@@ -114,7 +114,7 @@ def _readings(stored: Values, out: tuple[float, ...]) -> Values:
 
 
 def _floating(sequence: Sequence, sample: list[Values]) -> Sequence:
-    """Floating-point depth is metres or millimetres, by its magnitude, whatever the camera says of whole numbers."""
+    """Floating-point depth in metres or millimetres, by its magnitude; the camera's scale is for whole numbers."""
     no_reading = tuple(value for value, _ in no_readings(sample, sequence.depth_format.no_reading))
     readings = np.concatenate([_readings(stored, no_reading) for stored in sample])
     median = float(np.median(readings)) if len(readings) else 1.0
@@ -124,7 +124,7 @@ def _floating(sequence: Sequence, sample: list[Values]) -> Sequence:
             f"{shown(sequence.root)}: depth is floating-point with a median of {median:.3g}, neither metres nor "
             "millimetres; convert it to metres"
         )
-    text = f"depth is floating-point, with a median of {median:.3g}: taken as {unit[0]}"
+    text = f"depth is floating-point, with a median of {median:.3g}: read as {unit[0]}"
     if sequence.camera.depth_scale not in (unit[1], 1.0):
         text += f"; the camera's depth_scale {sequence.camera.depth_scale:g} is for whole numbers and not used"
     return replace(
@@ -139,9 +139,9 @@ _UNITS = ((METRES, "metres", 1.0), (MILLIMETRES, "millimetres", 1000.0))
 
 
 def _scale_note(sequence: Sequence, sample: list[Values], out: tuple[float, ...]) -> Note:
-    """The assumed depth scale, and what speaks against it."""
+    """The assumed depth scale, and what contradicts it."""
     scale = sequence.camera.depth_scale
-    text = f"depth_scale {scale:g} units a metre is assumed, nothing states it"
+    text = f"depth_scale {scale:g} units a metre is assumed, as no file states it"
     readings = np.concatenate([_readings(stored, out) for stored in sample]) if sample else np.zeros(0)
     if not len(readings):
         return Note(NoteKind.ASSUMED, text)

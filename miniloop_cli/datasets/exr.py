@@ -19,7 +19,7 @@ DEPTH_CHANNEL = re.compile(r"(.*\.)?(z|v|y|depth|distance)", re.IGNORECASE)
 
 
 def exr_header(file: BinaryIO) -> ImageHeader:
-    """Size of the data window. Raises InputError (reason only) where no channel can be depth."""
+    """Size of the data window. Raises InputError (reason only) if no channel can be depth."""
     with _opened(file.read(), header_only=True) as exr:
         header = exr.header()
         _depth_channels([channel.name for channel in header["channels"]])
@@ -30,7 +30,7 @@ def exr_depth(data: bytes) -> Floats32:
     """The (h, w) float32 channel that is depth, of a file whose `exr_header` was found to be of allowed size.
 
     It is the only one, the one called Z, V, Y or depth (also of a layer, `Layer.Z`), or R where R, G and B are equal.
-    Raises InputError (reason only) for others, and where pixels are missing.
+    Raises InputError (reason only) for other channels, and for missing pixels.
     """
     with _opened(data, separate_channels=True) as exr:
         width, height = _size(exr.header())
@@ -54,7 +54,7 @@ def _depth_channels(names: list[str]) -> list[str]:
     colour = [name for name in names if name in ("R", "G", "B")]
     if len(colour) == 3 and not called:
         return colour
-    raise InputError(f"an EXR of the channels {', '.join(names)[:100]}: which of them is depth is not clear")
+    raise InputError(f"an EXR of the channels {', '.join(names)[:100]}: it is not clear which is depth")
 
 
 def _size(header: dict[str, Any]) -> tuple[int, int]:
@@ -64,7 +64,7 @@ def _size(header: dict[str, Any]) -> tuple[int, int]:
 
 @contextmanager
 def _opened(data: bytes, **how: bool) -> Iterator[Any]:
-    """The file by way of a temporary one: the library reads paths; its reader of streams crashes on damaged data."""
+    """The data as a temporary file, as the library's reader of streams crashes on damaged data."""
     import OpenEXR
 
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""Cameras by their values, checked: those of TUM's families, its default, and what our own camera.yaml holds."""
+"""Cameras by their values, which are checked: TUM's families, TUM's default, and our own camera.yaml."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from miniloop_cli.scene.sequence import DepthCamera
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
 DISTORTION = COEFFICIENTS["radial-tangential"]  # those of a fisheye are among them
 DEPTH = tuple(f"depth_{field.name}" for field in fields(DepthModel))
-UNCERTAINTY = "uncertainty"  # written for people and other tools: how well each number is known
-DEPTH_CAMERA = "depth_camera"  # where depth has a camera of its own: depth_cameras.py
+UNCERTAINTY = "uncertainty"  # standard deviations, written for people and other tools
+DEPTH_CAMERA = "depth_camera"  # a separate depth camera
 KEYS = (*REQUIRED, *DISTORTION, "lens", "trust", *DEPTH, DEPTH_CAMERA, UNCERTAINTY)
 
 DEPTH_CAMERA_KEYS = (*(key for key in REQUIRED if key != "depth_scale"), *DISTORTION, "lens", "trust")
@@ -43,13 +43,13 @@ _FAMILY = re.compile(r"(?:freiburg|(?<![a-z])fr)([123])(?![0-9])", re.IGNORECASE
 
 
 def freiburg_family(text: str) -> str | None:
-    """'1', '2' or '3' where a table's header or a folder's name says freiburg1 (or fr1), ..."""
+    """'1', '2' or '3' if a table's header or a folder's name has freiburg1 (or fr1), ...; else None."""
     match = _FAMILY.search(text)
     return match[1] if match else None
 
 
 def freiburg_camera(family: str, where: str) -> Camera:
-    """The calibrated colour camera of a TUM family; `where` is what named it."""
+    """The calibrated colour camera of a TUM family; `where` is the text that named it."""
     fx, fy, cx, cy, distortion = FREIBURG[family]
     source = f"calibration of TUM's freiburg{family}, named by {where}"
     return Camera(fx, fy, cx, cy, 640, 480, 5000.0, radial_tangential_lens(*distortion), source=source)
@@ -57,14 +57,14 @@ def freiburg_camera(family: str, where: str) -> Camera:
 
 def default_camera() -> Camera:
     """TUM's ROS default."""
-    source = "TUM's ROS default (525 525 319.5 239.5): nothing names the camera; --camera FILE is more accurate"
+    source = "TUM's ROS default (525 525 319.5 239.5): no file names the camera; --camera FILE is more accurate"
     return Camera(
         525.0, 525.0, 319.5, 239.5, 640, 480, 5000.0, source=source, depth_scale_assumed=True, trust=Trust.GUESS
     )
 
 
 def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
-    """A camera from the keys of a camera file; raises ConfigError naming `where` and the key."""
+    """A camera from the keys of a camera file. Raises ConfigError naming `where` and the key."""
     require_known(values, KEYS, where)
     if missing := [key for key in REQUIRED if key not in values]:
         raise ConfigError(f"{where}: {', '.join(missing)} missing; a camera file needs {', '.join(REQUIRED)}")
@@ -91,13 +91,13 @@ def make_camera(values: dict[str, Any], where: str, source: str) -> Camera:
 
 
 def require_known(values: Iterable[Any], known: Iterable[str], where: str) -> None:
-    """Raise ConfigError for the first key that is not known, naming the nearest that is."""
+    """Raise ConfigError for the first unknown key, naming the most similar known one."""
     known = list(known)
     for key in values:
         if key not in known:
             spelled = {name.lower(): name for name in reversed(known)}
             near = difflib.get_close_matches(str(key)[:40].lower(), spelled, n=1)
-            hint = f"did you mean '{spelled[near[0]]}'?" if near else f"known are {', '.join(known)}"
+            hint = f"did you mean '{spelled[near[0]]}'?" if near else f"choose one of {', '.join(known)}"
             raise ConfigError(f"{where}: unknown key '{shown(str(key)[:40])}'; {hint}")
 
 
@@ -123,7 +123,7 @@ def _depth_model(values: dict[str, Any], where: str) -> DepthModel:
         raise ConfigError(f"{where}: {DEPTH[-1]} missing; it belongs to {next(iter(given))}")
     if not model.exact and not (0.05 <= model.middle_m <= 100 and model.increasing):
         raise ConfigError(
-            f"{where}: the depth model ({', '.join(given)}) turns near and far around; "
+            f"{where}: the depth model ({', '.join(given)}) reverses near and far; "
             f"{DEPTH[-1]} is in metres, and the others are small"
         )
     return model
@@ -147,7 +147,7 @@ def _check_ranges(values: dict[str, Any], where: str) -> None:
             )
     for key, extent in (("cx", values["width"]), ("cy", values["height"])):
         if not -extent < values[key] < 2 * extent:
-            raise ConfigError(f"{where}: {key} = {values[key]:g} px lies far outside the image; it is in pixels")
+            raise ConfigError(f"{where}: {key} = {values[key]:g} px is far outside the image; it is in pixels")
     if values["depth_scale"] < 1:
         hint = (
             f"; for {values['depth_scale']:g} m a unit give {1 / values['depth_scale']:g}"
@@ -163,9 +163,9 @@ def save_camera(
     uncertainty: Mapping[str, Any] | None = None,
     depth_camera: DepthCamera | None = None,
 ) -> None:
-    """Write the YAML that `camera_files.read_camera_file` reads; `uncertainty`: what is said of the numbers beside.
+    """Write the YAML that `camera_files.read_camera_file` reads; `uncertainty`: written in addition.
 
-    `depth_camera`: where depth is not registered to colour.
+    `depth_camera`: for depth that is not registered to colour.
     """
     with atomic_write(path) as file:
         for key in REQUIRED:
@@ -185,7 +185,7 @@ def save_camera(
 
 
 def as_mapping(own: DepthCamera) -> dict[str, Any]:
-    """What a camera file says of a depth camera; its unit of depth is that of the file."""
+    """The entry of a depth camera in a camera file; its unit of depth is that of the file."""
     camera = own.camera
     values: dict[str, Any] = {key: getattr(camera, key) for key in REQUIRED if key != "depth_scale"}
     if camera.lens.model == "fisheye" or len(camera.lens.coefficients) > 5:
@@ -197,7 +197,7 @@ def as_mapping(own: DepthCamera) -> dict[str, Any]:
 
 
 def depth_camera_of(values: Mapping[str, Any], camera: Camera, where: str) -> DepthCamera | None:
-    """The depth camera that a camera file's values name beside `camera`; None where they name none.
+    """The separate depth camera in a camera file's values, beside the colour `camera`; None if there is none.
 
     Raises ConfigError naming `where` and the key.
     """
@@ -230,6 +230,6 @@ def depth_camera_of(values: Mapping[str, Any], camera: Camera, where: str) -> De
 
 
 def _yaml(value: float) -> str:
-    """A number that YAML 1.1 takes for one: it needs a point before an exponent."""
+    """A number in the syntax of YAML 1.1, which needs a point before an exponent."""
     digits, e, exponent = f"{value}".partition("e")
     return f"{digits}.0e{exponent}" if e and "." not in digits else f"{value}"

@@ -1,7 +1,7 @@
 """Record3D's depth and confidence: plain arrays compressed by Apple's LZFSE (wheel pyliblzfse).
 
-The library does not bound what it unpacks, so the blocks of the data are looked at first. A block of LZFSE ends after a
-number of matches that it states, each of at most MAX_MATCH bytes (github.com/lzfse/lzfse, src/lzfse_internal.h).
+The library does not limit the unpacked size, so the blocks of the data are checked first. A block of LZFSE states its
+number of matches, each of at most MAX_MATCH bytes (github.com/lzfse/lzfse, src/lzfse_internal.h).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.runtime.artifact_store import content_fingerprint
 from miniloop_cli.scene.image_source import ImageHeader
 
-MAX_MATCH = 2359  # bytes that one match gives
+MAX_MATCH = 2359  # bytes of one match
 MAX_UNPACKED_BYTES = 512 << 20
 MAX_PACKED_BYTES = 16 << 20
-LZVN_RATIO = 140  # of its longest match to the opcode of that
+LZVN_RATIO = 140  # of its longest match to the length of the opcode
 
 
 @dataclass(frozen=True)
@@ -58,22 +58,22 @@ class LzfseImage:
 
 
 def unpack(data: bytes, count: int) -> bytes:
-    """The `count` bytes that LZFSE data hold. Raises InputError (reason only) for damaged data and another size."""
+    """The `count` bytes in LZFSE data. Raises InputError (reason only) for damaged data and for another size."""
     stated, bound = sizes(data)
     if stated != count:
         raise InputError(f"{stated} bytes of pixels instead of {count}")
     if bound > MAX_UNPACKED_BYTES:
-        raise InputError("its compressed data may hold far more than the image: not unpacked")
+        raise InputError("its compressed data claim far more than the image; they are not unpacked")
     library = optional_wheel("liblzfse", "pyliblzfse", "phones")
-    with damage("damaged LZFSE data, they cannot be decompressed"):
+    with damage("the LZFSE data are damaged and cannot be decompressed"):
         found = library.decompress(data)
     if len(found) != count:
-        raise InputError("damaged LZFSE data, they do not hold what they state")
+        raise InputError("the LZFSE data are damaged: their size is not the stated one")
     return bytes(found)
 
 
 def sizes(data: bytes) -> tuple[int, int]:
-    """The bytes that the blocks of LZFSE data say they hold, and a bound of what they can hold. Raises InputError."""
+    """The size in bytes stated by the blocks of LZFSE data, and a bound of their real size. Raises InputError."""
     stated = bound = offset = 0
     try:
         while (magic := data[offset : offset + 4]) != b"bvx$":
@@ -92,5 +92,5 @@ def sizes(data: bytes) -> tuple[int, int]:
                 raise InputError("no LZFSE data" if not offset else "damaged LZFSE data")
             offset += max(step, 8)
     except struct.error:
-        raise InputError("LZFSE data that are cut off") from None
+        raise InputError("the LZFSE data are cut off") from None
     return stated, bound

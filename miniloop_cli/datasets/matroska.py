@@ -1,7 +1,7 @@
-"""Matroska files (.mkv) of whole images: tracks, attachments, tags, and the place of every block, found by walking.
+"""Matroska files (.mkv) of whole images: tracks, attachments, tags, and the position of every block.
 
-Only files whose frames stand for themselves (JPEG, uncompressed) are read here: a frame is then some bytes of the file,
-and neither an index nor a decoder is needed. Format: RFC 9559; EBML: RFC 8794.
+Only files with independent frames (JPEG, uncompressed) are supported: a frame is then a range of bytes, and neither an
+index nor a video decoder is needed. Format: RFC 9559; EBML: RFC 8794.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ BITMAP_FOURCC = slice(16, 20)  # of the BITMAPINFOHEADER that describes a track 
 
 @dataclass(frozen=True)
 class Track:
-    """A track as its entry describes it; `fourcc` is the kind of its images, in capitals."""
+    """A track as its entry describes it; `fourcc`: the kind of its images, in capitals."""
 
     number: int
     name: str
     fourcc: str
     width: int
     height: int
-    encoded: bool  # compressed as a whole, which is not undone here
+    encoded: bool  # compressed as a whole, which is not supported
 
 
 @dataclass(frozen=True)
 class Block:
-    """One frame: where its bytes are, and its time."""
+    """One frame: the position of its bytes, and its time."""
 
     track: int
     time_ns: int
@@ -50,7 +50,7 @@ class Block:
 
 @dataclass
 class Matroska:
-    """What a file holds; `cut_at` is the byte from which it is damaged, None if it is whole."""
+    """The content of a file; `cut_at` is the byte from which it is damaged, None if it is whole."""
 
     tracks: list[Track] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
@@ -60,12 +60,12 @@ class Matroska:
 
 
 def read_matroska(path: Path) -> Matroska:
-    """Walk a file without reading its frames. Raises InputError (reason only) for one that is no Matroska file."""
+    """The content of a file, without reading its frames. Raises InputError (reason only) for other files."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
         if file.read(4) != MAGIC:
-            raise InputError("no Matroska file")
+            raise InputError("not a Matroska file")
         file.seek(0)
         return _walk(file, size)
 
@@ -76,7 +76,7 @@ def _walk(file: BinaryIO, end: int) -> Matroska:
         try:
             kind, size = _number(file, keep_marker=True), _number(file)
             offset = file.tell()
-            if kind in ENTERED:  # also those of unknown size: what is in them follows
+            if kind in ENTERED:  # also those of unknown size, as their children follow
                 continue
             if size < 0 or offset + size > end:
                 raise InputError("the file ends within an element")

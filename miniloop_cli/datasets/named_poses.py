@@ -1,4 +1,4 @@
-"""Poses that other tools give to images by name: a model of COLMAP (text or binary), nerfstudio's transforms.json.
+"""Poses of images by name, from other tools: a model of COLMAP (text or binary), nerfstudio's transforms.json.
 
 COLMAP: world to camera, quaternion w x y z (colmap.github.io/format.html). nerfstudio: camera to world in OpenGL's
 axes (docs.nerf.studio, data conventions).
@@ -28,12 +28,12 @@ COLMAP_FOLDERS = (".", "sparse/0", "sparse")
 HEAD = struct.Struct("<I7dI")  # image id, qw qx qy qz tx ty tz, camera id; then the name and a zero
 POINT_BYTES = 24  # x, y and the number of the 3D point
 SAME_STAMP_S = 1e-3
-LEAST = 3  # poses, to be laid over others
+LEAST = 3  # poses, for an alignment
 
 
 @dataclass(frozen=True)
 class NamedPoses:
-    """(n, 4, 4) T_world_cam of images by name, in units that may be any; `source` says where from."""
+    """(n, 4, 4) T_world_cam of images by name, in any unit; `source` names their origin."""
 
     names: tuple[str, ...]
     T_world_cam: Floats
@@ -43,7 +43,7 @@ class NamedPoses:
 def read_named_poses(path: Path) -> NamedPoses | None:
     """The poses of a COLMAP model (its folder or images file) or of a transforms.json; None for anything else.
 
-    Raises InputError where such a file is damaged.
+    Raises InputError if such a file is damaged.
     """
     if path.is_dir():
         places = [path / folder / name for folder in COLMAP_FOLDERS for name in COLMAP_FILES]
@@ -57,10 +57,10 @@ def read_named_poses(path: Path) -> NamedPoses | None:
 
 
 def by_time(poses: NamedPoses, stamps_s: Floats, names: Sequence[str] = ()) -> Trajectory:
-    """The poses at the (n,) stamps of the frames that their images are of.
+    """The poses at the (n,) stamps of the frames of their images.
 
-    An image is of the frame whose own image has its name (`names` (n,), without folders), else of the frame whose
-    number (as exports name them) or stamp its name is; one rule holds for all. Raises InputError where none fits.
+    An image belongs to the frame whose image has the same name (`names` (n,), without folders), else to the frame
+    whose number (as in exports) or stamp is its name; one rule holds for all. Raises InputError if none fits.
     """
     stems = [PurePosixPath(name).stem for name in poses.names]
     own = {name: k for k, name in enumerate(names)}
@@ -99,7 +99,7 @@ def _of_colmap(path: Path, names: list[str], rows: list[tuple[float, ...]]) -> N
     values = np.array(rows, float).reshape(-1, 7)
     length = np.linalg.norm(values[:, :4], axis=1)
     if not np.isfinite(values).all() or (np.abs(length - 1) > 0.02).any():
-        raise InputError(f"{shown(path)}: a pose is no rotation and translation")
+        raise InputError(f"{shown(path)}: a pose is not a rotation and a translation")
     T_cam_world = se3.pose(se3.rotations(values[:, :4], w_first=True), values[:, 4:])
     return NamedPoses(tuple(names), se3.inverse(T_cam_world), f"COLMAP model {shown(path)}")
 

@@ -1,4 +1,4 @@
-"""Opening a recording: which layout it has, its frames, its camera, what its depth means."""
+"""Opening a recording: its layout, its frames, its camera, the unit of its depth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
 
 LOG = logging.getLogger("miniloop")
-LOOKED_INTO = 20  # sub-folders in which a recording is looked for, to name it
+LOOKED_INTO = 20  # sub-folders that are searched for a recording, to suggest it
 
 
 def open_sequence(
@@ -38,15 +38,15 @@ def open_sequence(
     topics: str = "",
     min_confidence: int = MIN_CONFIDENCE,
 ) -> Sequence:
-    """Open a recording; its layout is found by looking at the folder (or file) unless `layout` names it.
+    """Open a recording; its layout is recognised from the folder (or file) unless `layout` names it.
 
-    `camera_path` is a YAML camera file that overrules what the recording says; with `max_frames` only so many
-    evenly spaced frames are kept. Images behind symbolic links that lead out of the folder are refused unless
+    `camera_path` is a camera file that replaces the camera of the recording; with `max_frames`, only so many evenly
+    spaced frames are used. Images behind symbolic links that point outside the folder are refused unless
     `follow_links`. `topics` names the streams of a bag, as color=/a,depth=/b; `min_confidence` is the setting
-    depth.min_confidence. Decoded are the headers of a few images, to check their size, and a few depth images, to tell
-    their unit and which values mean "no reading".
+    depth.min_confidence. Only the headers of a few images are decoded, to check their size, and a few depth images, to
+    find their unit and the values that mean "no reading".
 
-    Raises InputError (or ConfigError for the camera file) that says what is missing and what to do.
+    Raises InputError (or ConfigError for the camera file) that names what is missing and what to do.
     """
     root = entered(Path(path).absolute())
     children = _children(root)
@@ -83,7 +83,7 @@ def _with_depth_camera(sequence: Sequence, path: Path) -> Sequence:
         return sequence
     if own.camera.trust == Trust.GUESS:
         return replace(sequence, depth_camera=own)
-    text = "depth is of a camera of its own, which the camera file describes: it is registered to colour as it is read"
+    text = "the camera file describes a separate depth camera: depth is registered to colour while it is read"
     return replace(sequence, depth_camera=own, notes=(*sequence.notes, Note(NoteKind.CONVERTED, text)))
 
 
@@ -96,7 +96,7 @@ def _set_topics(reader: Layout, topics: str, root: Path, name: str) -> None:
 
 
 def _children(root: Path) -> list[Path]:
-    """What lies in a folder, sorted; nothing for a file. Raises InputError for what is neither, or cannot be opened."""
+    """The content of a folder, sorted; nothing for a file. Raises InputError for other paths and unreadable ones."""
     try:
         if not root.exists():
             raise InputError(f"{shown(root)} does not exist")
@@ -106,7 +106,7 @@ def _children(root: Path) -> list[Path]:
 
 
 def recognise(root: Path) -> str | None:
-    """The name of the first layout that takes `root` for its own, None if none does. Raises InputError."""
+    """The name of the first layout that matches `root`, None if none does. Raises InputError."""
     try:
         return _first_match(load_layouts(), root)
     except OSError as error:
@@ -117,13 +117,13 @@ def _why_unknown(root: Path, children: list[Path]) -> str:
     if said := what_it_is(root, children):
         return said
     if not root.is_dir():
-        return f"{shown(root)} is not a folder, and no layout known here reads such a file"
+        return f"{shown(root)} is not a folder, and no supported layout reads such a file"
     if not children:
         return f"{shown(root)} is empty"
     folders = [child for child in children if child.is_dir()][:LOOKED_INTO]
     if inner := next((child for child in folders if recognise(child)), None):
         return f"{shown(root)} is not a recording itself; did you mean {shown(inner)}?"
-    return f"{shown(root)} has no layout known here ({', '.join(known_layouts())}); see docs/recordings.md"
+    return f"{shown(root)} has no supported layout ({', '.join(known_layouts())}); see docs/recordings.md"
 
 
 def _first_match(layouts: dict[str, Layout], root: Path) -> str | None:
@@ -140,7 +140,7 @@ def _first_match(layouts: dict[str, Layout], root: Path) -> str | None:
 
 
 def _check_size(sequence: Sequence) -> None:
-    """Refuse a camera made for other images at once, instead of every frame later; broken images do not vote."""
+    """Raise InputError for a camera of another image size, before any frame is read; broken images do not count."""
     problems: list[InputError] = []
     for k in np.linspace(0, len(sequence.frames) - 1, 5).round().astype(int):
         try:
@@ -157,7 +157,7 @@ def _check_size(sequence: Sequence) -> None:
 
 
 def _with_masks(sequence: Sequence) -> Sequence:
-    """Attach mask/<name of the colour image>.png where the recording has such a folder."""
+    """Attach mask/<name of the colour image>.png if the recording has such a folder."""
     if not (sequence.root / "mask").is_dir():
         return sequence
 
@@ -174,7 +174,7 @@ def _with_masks(sequence: Sequence) -> Sequence:
 
 
 def _files(sequence: Sequence) -> Iterator[Path]:
-    """The files in which the images of all frames lie, other than the recording itself."""
+    """The files of the images of all frames, other than the recording itself."""
     for frame in sequence.with_color_only()[0].frames:
         depth = frame.depth
         parts = (depth.depth, depth.confidence) if isinstance(depth, ConfidentDepth) else (depth,)

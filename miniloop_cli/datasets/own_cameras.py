@@ -14,7 +14,7 @@ from miniloop_cli.scene.sequence import Frame, Note, NoteKind, Sequence
 from miniloop_cli.typing import Floats
 
 SAME_FOCAL = 5e-4
-MIN_MOVED_PX = 0.25  # less at the corners of the image is not worth resampling it
+MIN_MOVED_PX = 0.25  # at the corners of the image; with less it is not resampled
 
 
 def with_own_cameras(
@@ -34,10 +34,10 @@ def with_own_cameras(
     if not resampled:
         return frames, ()
     stray = max(abs(frame.camera.fx / common.fx - 1) for frame in own if frame.camera)
-    what = f"the focal length strays by up to {100 * stray:.1f} %"
+    what = f"the focal length varies by up to {100 * stray:.1f} %"
     if stray < SAME_FOCAL:
         moved = max(max(abs(f.camera.cx - common.cx), abs(f.camera.cy - common.cy)) for f in own if f.camera)
-        what = f"the principal point strays by up to {moved:.1f} px"
+        what = f"the principal point varies by up to {moved:.1f} px"
     text = (
         f"{what} from its median: {resampled} of {len(frames)} frames are resampled from their own camera to the "
         "median one"
@@ -46,7 +46,7 @@ def with_own_cameras(
 
 
 def with_camera(sequence: Sequence, camera: Camera) -> Sequence:
-    """The recording with another common camera; frames of their own camera are resampled as they were before."""
+    """The recording with another common camera; frames with their own camera are resampled as before."""
     frames = []
     for frame in sequence.frames:
         if frame.camera:
@@ -62,9 +62,9 @@ def with_camera(sequence: Sequence, camera: Camera) -> Sequence:
 def to_common(
     color: NDArray[np.uint8], stored: NDArray, own: Camera, common: Camera
 ) -> tuple[NDArray[np.uint8], NDArray, NDArray[np.bool_]]:
-    """Colour (h, w, 3) and depth (h, w) of a frame's own camera as the common one sees them; which pixels it missed.
+    """Colour (h, w, 3) and depth (h, w) of a frame's own camera, resampled to the common one; pixels (h, w) it missed.
 
-    Depth along the optical axis stays what it is; it takes the nearest pixel, so that none is made up.
+    Depth along the optical axis keeps its value; it is that of the nearest pixel, never interpolated.
     """
     import cv2
 

@@ -17,14 +17,14 @@ from miniloop_cli.scene.no_depth import NoDepth
 from miniloop_cli.scene.sequence import ColorOnly, Frame, Note, NoteKind, dropped_images
 from miniloop_cli.typing import Floats, Ints
 
-PART_GAP_S = 10.0  # between parts of a clock that starts again: no motion is interpolated across
+PART_GAP_S = 10.0  # between parts of a clock that restarts, so that no motion is interpolated across
 
 
 @dataclass(frozen=True)
 class Paired:
-    """Frames sorted by time, what was done to get them, and how many colour and depth images there were.
+    """Frames sorted by time, notes, and the numbers of colour and depth images.
 
-    color_only: colour images without a partner, where the stamps of both streams are their own.
+    color_only: colour images without a partner, if both streams have their own stamps.
     """
 
     frames: tuple[Frame, ...]
@@ -36,9 +36,9 @@ class Paired:
 def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_hz: float = RATE_HZ) -> Paired:
     """The frames of two streams of images.
 
-    `together`: both streams are known to count the same frames, so that equal numbers mean equal frames also where
-    images are missing. Without times, frame number / `rate_hz` s is the stamp. Raises InputError where it cannot be
-    told which images belong together, and where none do.
+    `together`: both streams count the same frames, so that equal numbers mean equal frames even if images are missing.
+    Without times, the stamp is frame number / `rate_hz` s. Raises InputError if it is not known which images belong
+    together, and if none do.
     """
     for stream in (color, depth):
         if not stream.sources:
@@ -55,7 +55,7 @@ def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_h
     else:
         named, other = (color, depth) if color.times is not None else (depth, color)
         raise InputError(
-            f"{shown(root)}: {named.where} is named by times, {other.where} by numbers: nothing says which belong "
+            f"{shown(root)}: {named.where} is named by times, {other.where} by numbers: it is not known which belong "
             "together; name both alike, or write tables rgb.txt and depth.txt (timestamp filename)"
         )
     frames = tuple(
@@ -72,7 +72,7 @@ def pair(root: Path, color: Stream, depth: Stream, together: bool = True, rate_h
 
 
 def _color_only(color: Stream, color_s: Floats, depth: Stream, rows: Ints, said: list[Note]) -> ColorOnly | None:
-    """The colour images of which no pair (m, 2) has one; None if there are none. Of equal stamps one image is used."""
+    """The colour images in no pair (m, 2); None if there are none. One image is used for each stamp."""
     paired = np.zeros(len(color_s), bool)
     paired[rows[:, 0]] = True
     order = np.lexsort((np.arange(len(color_s)), ~paired))
@@ -82,12 +82,12 @@ def _color_only(color: Stream, color_s: Floats, depth: Stream, rows: Ints, said:
         return None
     frames = tuple(Frame(float(color_s[i]), color.sources[i], NoDepth(color.sources[i])) for i in single)
     within = f"within {1000 * MAX_DIFFERENCE_S:.0f} ms"
-    text = f"{len(single)} colour images have no depth image {within}: only points that are followed tell their poses"
+    text = f"{len(single)} colour images have no depth image {within}: their poses come from tracked points alone"
     notes = [Note(NoteKind.PAIRED, text)]
     twice, left, total = len(color_s) - len(rows) - len(single), len(depth.sources) - len(rows), len(color_s)
     total += len(depth.sources)
     if twice:
-        notes.append(dropped_images(f"{twice} colour images have the stamps of others", twice, total))
+        notes.append(dropped_images(f"{twice} colour images repeat a stamp", twice, total))
     if left:
         text = f"{left} of {len(depth.sources)} depth images have no colour image {within}"
         notes.append(dropped_images(text, left, total))
@@ -95,7 +95,7 @@ def _color_only(color: Stream, color_s: Floats, depth: Stream, rows: Ints, said:
 
 
 def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
-    """Frames of a table that names both images in each row. Raises InputError where its stamps are no times."""
+    """Frames of a table that names both images in each row. Raises InputError if its stamps are not times."""
     if not color.sources or len(color.sources) != len(depth.sources):
         raise InputError(f"{shown(root)}: {color.where} does not name as many depth images as colour images")
     unit = _common_unit(root, color, depth)
@@ -106,14 +106,14 @@ def pair_rows(root: Path, color: Stream, depth: Stream) -> Paired:
         Frame(float(t), c, d, depth_timestamp_s=float(u))
         for t, c, u, d in zip(color_s, color.sources, depth_s, depth.sources, strict=True)
     ]
-    text = f"{len(frames)} pairs taken from {color.where}, whatever the difference of their stamps"
+    text = f"{len(frames)} pairs are read from {color.where}; differences of their stamps are ignored"
     notes = (*color.notes, *depth.notes, Note(NoteKind.PAIRED, text), *unit_notes(color.where, color.times, unit))
     frames.sort(key=lambda frame: frame.timestamp_s)
     return Paired(tuple(frames), (*notes, *_start_notes(color)), (len(frames), len(frames)))
 
 
 def _by_times_if_numbers_fail(color: Stream, depth: Stream) -> tuple[Stream, Stream]:
-    """The streams, with numbers taken as times if few are equal in both and their intervals are those of times."""
+    """The streams, with numbers read as times if few are equal in both and their intervals are those of times."""
     if color.numbers is None or depth.numbers is None or color.times is not None or depth.times is not None:
         return color, depth
     common = len(np.intersect1d(color.numbers, depth.numbers))
@@ -169,7 +169,7 @@ def _by_number(root: Path, color: Stream, depth: Stream, rate_hz: float) -> tupl
 
 
 def _without_partner(pairs: int, color: int, depth: int, how: str) -> list[Note]:
-    """That some images have no partner."""
+    """A note on images without a partner."""
     if pairs == max(color, depth):
         return []
     text = f"{pairs} pairs from {color} colour and {depth} depth images, {how}; the others have no partner"
@@ -177,9 +177,9 @@ def _without_partner(pairs: int, color: int, depth: int, how: str) -> list[Note]
 
 
 def _require_common_count(root: Path, color: Stream, depth: Stream) -> None:
-    """Raises InputError where both streams are numbered without gaps from about the same number, but differently.
+    """Raise InputError if both streams are numbered without gaps from about the same number, but differ in length.
 
-    Then each may count its own images: images that one of them lost would shift all that follow.
+    Each may then count its own images, and a lost image would shift all that follow.
     """
     a, b = color.numbers, depth.numbers
     if a is None or b is None or np.array_equal(a, b):
@@ -195,7 +195,7 @@ def _require_common_count(root: Path, color: Stream, depth: Stream) -> None:
 
 
 def _common_unit(root: Path, color: Stream, depth: Stream) -> Unit:
-    """The unit of two streams of one recording. Raises InputError where they differ or nothing tells."""
+    """The unit of two streams of one recording. Raises InputError if they differ or the unit is unknown."""
     assert color.times is not None and depth.times is not None
     lone = [len(s.sources) < 2 and s.unit == SECONDS for s in (color, depth)]
     units = {s.unit for s, alone in zip((color, depth), lone, strict=True) if s.unit is not None and not alone}
@@ -219,7 +219,7 @@ def _named(unit: Unit | None) -> str:
 
 
 def _start_notes(color: Stream) -> list[Note]:
-    """That a clock started again."""
+    """Notes on clocks that restart."""
     starts = color.starts()
     if len(starts) < 2:
         return []
@@ -232,7 +232,7 @@ def _start_notes(color: Stream) -> list[Note]:
 
 
 def _shifts(times: Many[Floats], starts: Many[Ints]) -> list[Floats]:
-    """What to add to the times (s) of each stream so that every part of the clock follows the one before it."""
+    """Offsets (s) to the times of each stream, so that every part of the clock follows the one before it."""
     shifts = [np.zeros(len(stream)) for stream in times]
     bounds = [[*first.tolist(), len(stream)] for stream, first in zip(times, starts, strict=True)]
     for part in range(1, len(starts[0])):

@@ -1,4 +1,4 @@
-"""Images read without Pillow, which knows no 16-bit colour in them or changes their values: TIFF, PPM, NPY, EXR."""
+"""TIFF, PPM, NPY and EXR, read without Pillow, which lacks 16-bit colour in them or changes their values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PNM_HEADER_BYTES = 2048
 
 @dataclass(frozen=True)
 class RawFormat:
-    """How an image begins, and how its header and its pixels are read; both may fail with any exception."""
+    """The first bytes of a format, and the readers of its header and its pixels, which may raise any exception."""
 
     name: str
     starts: tuple[bytes, ...]
@@ -84,7 +84,7 @@ def _pnm_start(data: bytes) -> tuple[int, int, int, int, int]:
 
 
 def _pnm_pixels(data: bytes) -> NDArray[Any]:
-    """Values as they are stored; 8-bit ones are stretched where their largest is not 255."""
+    """Values as stored; 8-bit ones are stretched if their largest is not 255."""
     kind, width, height, largest, start = _pnm_start(data[:PNM_HEADER_BYTES])
     channels, dtype = (3 if kind == 6 else 1), np.dtype(">u2" if largest > 255 else np.uint8)
     count = width * height * channels
@@ -111,7 +111,7 @@ def _npz_header(file: BinaryIO) -> ImageHeader:
 
 def _array_header(shape: tuple[int, ...], dtype: np.dtype[Any], kind: str) -> ImageHeader:
     if len(shape) not in (2, 3) or dtype.kind not in "fiu":
-        raise InputError(f"an array of shape {shape} and type {dtype} is no image")
+        raise InputError(f"an array of shape {shape} and type {dtype} is not an image")
     channels = shape[2] if len(shape) == 3 else 1
     bits = 8 * dtype.itemsize if dtype.itemsize <= 2 and dtype.kind != "f" else 32  # as it is read
     return ImageHeader(shape[1], shape[0], bits, channels, kind)

@@ -12,7 +12,7 @@ from miniloop_cli.errors import InputError
 LOG = logging.getLogger("miniloop")
 GROUP = "miniloop.layouts"
 _PACKAGE = "miniloop_cli.datasets.layouts"
-BUILT_IN = {  # in the order in which a recording is tried: the more special ones first
+BUILT_IN = {  # in the order in which layouts are tried: specific ones first
     name: EntryPoint(name, f"{_PACKAGE}.{where}", GROUP)
     for name, where in {
         "realsense": "realsense_bag:RealSenseBag",
@@ -42,10 +42,10 @@ BUILT_IN = {  # in the order in which a recording is tried: the more special one
 
 
 def known_layouts() -> dict[str, EntryPoint]:
-    """Every layout by name, in the order in which a recording is tried; nothing is imported.
+    """Every layout by name, in the order in which they are tried; nothing is imported.
 
-    Plug-ins come first, by name: who installs one has recordings that it is made for, and some of the built-in
-    layouts take any folder with rgb/ and depth/. A plug-in cannot take the name of another layout.
+    Plug-ins come first, by name, as some of the built-in layouts match any folder with rgb/ and depth/. A plug-in
+    cannot have the name of another layout.
     """
     plugins: dict[str, EntryPoint] = {}
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
@@ -57,7 +57,7 @@ def known_layouts() -> dict[str, EntryPoint]:
 
 
 def find_layout(name: str) -> Layout:
-    """The layout of this name. Raises InputError where there is none, or where it cannot be loaded."""
+    """The layout of this name. Raises InputError if there is none, or if it cannot be loaded."""
     known = BUILT_IN if name in BUILT_IN else known_layouts()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
@@ -67,9 +67,9 @@ def find_layout(name: str) -> Layout:
 
 
 def load_layouts() -> dict[str, Layout]:
-    """Every layout that can be loaded, in the order of `known_layouts`; a plug-in that cannot be is named and left out.
+    """Every layout in the order of `known_layouts`; a plug-in that cannot be loaded is left out with a warning.
 
-    Raises InputError for a built-in one: the installation is at fault.
+    Raises InputError if a built-in one cannot be loaded.
     """
     loaded = {}
     for name, entry in known_layouts().items():
@@ -85,10 +85,10 @@ def load_layouts() -> dict[str, Layout]:
 def _load(entry: EntryPoint) -> Layout:
     try:
         layout = entry.load()()
-    except Exception as error:  # a plug-in is somebody else's program: anything can go wrong
+    except Exception as error:  # a plug-in may raise anything
         raise InputError(f"{_called(entry)} cannot be loaded ({type(error).__name__}: {error})") from error
     if not isinstance(layout, Layout):
-        raise InputError(f"{_called(entry)} is no layout: {entry.value} lacks matches, open or ground_truth")
+        raise InputError(f"{_called(entry)} is not a layout: {entry.value} lacks matches, open or ground_truth")
     return layout
 
 

@@ -1,7 +1,7 @@
 """ScanNet's .sens files: a header, then frame by frame the pose, two stamps, and the encoded colour and depth.
 
 All numbers are little-endian (github.com/ScanNet/ScanNet, SensReader/python/SensorData.py). Opening reads only the
-sizes of the frames; the images stay where they are.
+sizes of the frames, not the images.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ class SensHeader:
     color_size: tuple[int, int]
     depth_size: tuple[int, int]
     depth_scale: float
-    frames: int  # that the header claims
+    frames: int  # as stated by the header
 
 
 @dataclass(frozen=True)
 class SensFile:
-    """What a .sens file holds: (n, 4, 4) float poses camera to world, (n, 2) stamps (us), and the images."""
+    """The content of a .sens file: (n, 4, 4) float poses camera to world, (n, 2) stamps (us), and the images."""
 
     header: SensHeader
     poses: Floats
@@ -56,9 +56,9 @@ class SensFile:
 
 
 def read_sens(path: Path) -> SensFile:
-    """The header and the places of all images; a file that is cut off gives the frames that are whole.
+    """The header and the positions of all images; a truncated file gives its whole frames.
 
-    Raises InputError naming the file where it is of another kind or version, or holds no whole frame.
+    Raises InputError naming the file if it is of another kind or version, or has no whole frame.
     """
     with open_file(path, MAX_SENS_BYTES) as file:
         end = file.seek(0, os.SEEK_END)
@@ -93,7 +93,7 @@ def _read_header(file: BinaryIO, where: str) -> SensHeader:
         raise InputError(f"{where} is cut off within its header")
     version, length = struct.unpack("<IQ", start)
     if version != VERSION or length > MAX_NAME_BYTES:
-        raise InputError(f"{where} is no .sens file of version {VERSION}")
+        raise InputError(f"{where} is not a .sens file of version {VERSION}")
     file.seek(length, os.SEEK_CUR)
     rest = file.read(HEADER.size)
     if len(rest) < HEADER.size:
@@ -103,12 +103,12 @@ def _read_header(file: BinaryIO, where: str) -> SensHeader:
     color, depth, *sizes = values[64:70]
     codecs = COLOR.get(color, ""), DEPTH.get(depth, "")
     if not all(codecs):
-        raise InputError(f"{where}: colour of kind {color} and depth of kind {depth} are not known here")
+        raise InputError(f"{where}: colour of kind {color} and depth of kind {depth} are not supported")
     if codecs[1] == "occi":
-        raise InputError(f"{where}: depth in occi compression is not read here; write it again with zlib (kind 1)")
+        raise InputError(f"{where}: depth in occi compression is not supported; write it again with zlib (kind 1)")
     scale, count = values[70], values[71]
     if not np.isfinite(scale) or not 1 <= scale < 1e6:
-        raise InputError(f"{where}: a depth shift of {scale:g} units a metre")
+        raise InputError(f"{where}: impossible depth shift: {scale:g} units a metre")
     if not all(1 <= size <= 1 << 14 for size in sizes) or max(sizes[0] * sizes[1], sizes[2] * sizes[3]) > MAX_PIXELS:
         raise InputError(f"{where}: images of {sizes[0]} x {sizes[1]} and {sizes[2]} x {sizes[3]} pixels")
     K_color, T_color, K_depth, T_depth = matrices

@@ -1,4 +1,4 @@
-"""Images by themselves, to be looked for in a map: files, folders of them, recordings; their cameras by EXIF."""
+"""Single images to locate in a map: files, folders of them, recordings; their cameras by EXIF."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan
 
 FULL_FRAME_MM = 36.0  # width of the film that EXIF's equivalent focal lengths refer to
-USUAL_FOCAL = 0.8  # of the longer side: between telephones (0.75) and depth cameras (0.82 to 0.95)
+USUAL_FOCAL = 0.8  # of the longer side; between phones (0.75) and depth cameras (0.82 to 0.95)
 FOCAL_35MM, EXIF = 0xA405, 0x8769
 
 
 @dataclass(frozen=True)
 class SingleImage:
-    """One image that was asked for: `name` for people, where it lies, its depth, a camera of its own if known."""
+    """One image: its `name` in messages, its file, its depth, and its camera, if known."""
 
     name: str
     path: Path
@@ -31,10 +31,10 @@ class SingleImage:
 
 
 def listed_images(paths: Sequence[Path], depth: Path | None) -> list[SingleImage]:
-    """The images that files and folders name, in the order given, those of a folder by name.
+    """The images of files and folders, in the given order, those of a folder by name.
 
-    `depth`: a file for a single image, or a folder whose files have the names of the images (but for the suffix).
-    Raises InputError for what does not exist, a folder without images, an image without its depth.
+    `depth`: a file for a single image, or a folder whose files have the names of the images (except the suffix).
+    Raises InputError for missing paths, a folder without images, an image without its depth.
     """
     found: list[Path] = []
     for path in paths:
@@ -63,12 +63,12 @@ def listed_images(paths: Sequence[Path], depth: Path | None) -> list[SingleImage
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a folder or file is a recording of its own."""
+    """Whether a folder or file is a recording."""
     return recognise(path) is not None
 
 
 def recorded_images(path: Path, camera: Path | None) -> tuple[Camera, Iterator[tuple[str, Scan | InputError]]]:
-    """The camera of a recording, and its frames one after the other, with depth; why, for those that cannot be read."""
+    """The camera of a recording, and its frames with depth one after the other; errors for unreadable ones."""
     sequence = open_sequence(path, None, camera)
 
     def frames() -> Iterator[tuple[str, Scan | InputError]]:
@@ -98,21 +98,21 @@ def read_single(image: SingleImage, depth_scale: float) -> Scan:
 
 
 def guessed_camera(path: Path, width: int, height: int) -> Camera:
-    """A pinhole of which only the focal length is known, roughly: by the EXIF of an image file, else the usual one."""
+    """A pinhole with a rough focal length: from the EXIF data of an image file, else the usual one."""
     focal_35mm = _focal_35mm(path)
     longer = max(width, height)
     focal = longer * (focal_35mm / FULL_FRAME_MM if focal_35mm else USUAL_FOCAL)
-    source = f"EXIF: {focal_35mm:g} mm on 35 mm film" if focal_35mm else "guessed: nothing states the focal length"
+    source = f"EXIF: {focal_35mm:g} mm on 35 mm film" if focal_35mm else "guessed, as no file states the focal length"
     return Camera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height, source=source)
 
 
 def _focal_35mm(path: Path) -> float | None:
-    """The focal length that EXIF states as that of 35 mm film; None without it, or where it cannot be read."""
+    """The focal length equivalent to 35 mm film, from EXIF; None without it, or if it cannot be read."""
     from PIL import Image
 
     try:
         with Image.open(path) as image:
             value = image.getexif().get_ifd(EXIF).get(FOCAL_35MM)
     except Exception:
-        return None  # a picture whose EXIF is damaged is still a picture
+        return None  # damaged EXIF data are ignored
     return float(value) if isinstance(value, int) and 5 <= value <= 500 else None

@@ -27,25 +27,25 @@ UNITS = (SECONDS, MILLISECONDS, MICROSECONDS, Unit(1e9, "nanoseconds", "ns"))
 BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
 FRAME_NUMBERS = Unit(30.0, "frame numbers", "frames")  # at the nominal rate of these cameras
 
-# Intervals (s) between images. The units are a factor of 1000 apart, and so are the ends: one unit fits at most.
+# Range of intervals (s) between images. Its ratio is 1000, as that of the units, so at most one unit fits.
 CAMERA_S = (0.008, 8.0)
-BESIDE_S = (0.0005, 10.0)  # of what is measured beside the images; the frames' own times tell the rest
-MARGIN_S = 0.1  # by which a frame may lie outside such a file
-CLEARLY = 2.0  # how many times as many frames the right unit serves
+BESIDE_S = (0.0005, 10.0)  # of other measurements; the frames' times decide the rest
+MARGIN_S = 0.1  # by which a frame may be outside of the times of such a file
+CLEARLY = 2.0  # the right unit serves so many times more frames than another
 LONGEST_S = 3600.0  # between two images of one recording
 EPOCH_S = (9.4e8, 2.9e9)  # seconds since 1970 from 1999 to 2061
 MIXED_UP = 15.0  # whole numbers from 2 up to here apart: seconds, milliseconds and every n-th frame are all likely
 
 MIN_EQUAL, EQUAL_SHARE = 3, 0.1
-MOST_PARTS = 10  # a clock that starts again more often is a table out of order
-MIN_JUMP = 3.0  # intervals that a clock jumps back when it starts again; neighbours change places by less
+MOST_PARTS = 10  # a table with more restarts is out of order
+MIN_JUMP = 3.0  # intervals that a restarting clock jumps back; exchanged neighbours jump by less
 
 
 def unit_of(stamps: ArrayLike, whole: bool = True) -> Unit | None:
     """The unit of (n,) stamps of images in any order, by their median interval and magnitude; None if in doubt.
 
-    Times since 1970 are known by their magnitude. Whole numbers one apart count frames, unless they are written with
-    decimals (`whole` is False).
+    Times since 1970 are recognised by their magnitude. Whole numbers with steps of one count frames, unless they are
+    written with decimals (`whole` is False).
     """
     times = np.unique(np.asarray(stamps, float))
     if not len(times):
@@ -62,23 +62,23 @@ def unit_of(stamps: ArrayLike, whole: bool = True) -> Unit | None:
         return FRAME_NUMBERS if interval < 2 else None
     unit = _camera_unit(interval) or (SECONDS if interval < CAMERA_S[0] else None)
     if unit == MILLISECONDS and not whole:
-        # Scans that a hand takes now and then are seconds apart, and unevenly.
+        # Single scans by hand are seconds apart, and uneven.
         even = float((np.abs(np.diff(times) - interval) <= 0.3 * interval).mean()) > 0.7
         return unit if even and interval >= MIXED_UP else None
     return unit
 
 
 def units_at(stamps: Floats, frames_s: Floats) -> list[Unit]:
-    """The units in which (n,) sorted stamps of a file beside the images lie at the times (m,) of some frames."""
+    """The units in which (n,) sorted stamps of another file match the times (m,) of some frames."""
     ends_s = [(unit, stamps[0] / unit.per_s - MARGIN_S, stamps[-1] / unit.per_s + MARGIN_S) for unit in UNITS]
     return [unit for unit, first, last in ends_s if ((frames_s >= first) & (frames_s <= last)).any()]
 
 
 def units_beside(stamps: Floats, frames_s: Floats, served: Callable[[Floats], int]) -> list[Unit]:
-    """The units that (n,) sorted stamps of a file beside the images may have, the likeliest first.
+    """The possible units of (n,) sorted stamps of another file, the most likely first.
 
-    It is one where it is clear, and none where in no unit they lie at the times (m,) of frames. `served`: how many
-    frames stamps in seconds serve.
+    One if it is clear; none if they match the times (m,) of frames in no unit. `served`: gives the number of frames
+    that stamps in seconds serve.
     """
     found, interval = units_at(stamps, frames_s), apart(stamps)
     usual = [u for u in found if len(stamps) < 2 or BESIDE_S[0] <= interval / u.per_s <= BESIDE_S[1]]
@@ -98,8 +98,8 @@ def apart(stamps: ArrayLike) -> float:
 
 
 def lost_digits(stamps: ArrayLike) -> int | None:
-    """Index of the first of (n,) stamps of different images that repeats an earlier one, if so many do that digits
-    must have been lost; else None."""
+    """Index of the first of (n,) stamps of different images that repeats an earlier one, if so many do that digits are
+    lost; else None."""
     times = np.asarray(stamps, float)
     _, first = np.unique(times, return_index=True)
     repeated = np.setdiff1d(np.arange(len(times)), first)
@@ -134,7 +134,7 @@ def _camera_unit(interval: float) -> Unit | None:
 
 
 def since_1970(stamps: ArrayLike) -> Unit | None:
-    """The unit in which (n,) stamps are times since 1970, by their magnitude; None if they are no such times."""
+    """The unit in which (n,) stamps are times since 1970, by their magnitude; None if they are not."""
     largest, interval = float(np.abs(np.asarray(stamps, float)).max()), apart(stamps)
     return next(
         (u for u in UNITS if EPOCH_S[0] <= largest / u.per_s < EPOCH_S[1] and interval / u.per_s < LONGEST_S), None
@@ -147,14 +147,14 @@ def in_seconds(stamps: ArrayLike, unit: Unit) -> Floats:
 
 
 def unit_notes(where: str, stamps: Floats, unit: Unit) -> list[Note]:
-    """How (n,) stamps of the table or folder `where` that are not in seconds were understood."""
+    """Notes on the unit of (n,) stamps of the table or folder `where`, if it is not seconds."""
     if unit == SECONDS:
         return []
     if unit == FRAME_NUMBERS:
         text = f"the stamps of {where} are frame numbers: {unit.per_s:g} frames a second are assumed"
         return [Note(NoteKind.ASSUMED, text)]
     dated = EPOCH_S[0] <= float(np.abs(stamps).max()) / unit.per_s < EPOCH_S[1]
-    text = f"the stamps of {where} are {_plainly(apart(stamps))} apart: taken as {unit.name} and converted to seconds"
+    text = f"the stamps of {where} are {_plainly(apart(stamps))} apart: read as {unit.name} and converted to seconds"
     return [Note(NoteKind.CONVERTED if dated else NoteKind.ASSUMED, text)]
 
 

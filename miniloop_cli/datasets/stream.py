@@ -1,4 +1,4 @@
-"""The images of one kind, colour or depth, that a recording names: files in order, with times or numbers."""
+"""The colour or depth images of a recording: sources in order, with times or numbers."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ RATE_HZ = 30.0  # the nominal rate that turns frame numbers into seconds
 
 @dataclass(frozen=True)
 class Stream:
-    """Images in the order of recording, with what says when each was taken.
+    """Images in the order of recording, with their times or numbers.
 
     `where` names the table or folder, `places` the row or file of each image, for messages. Times are in `unit`,
-    None where that cannot be told from this stream alone.
+    None if this stream alone does not determine it.
     """
 
     where: str
@@ -36,7 +36,7 @@ class Stream:
     notes: tuple[Note, ...] = ()
 
     def starts(self) -> Ints:
-        """Rows (k,) where the clock starts again; the order of a table, or a counter beside the times, tells."""
+        """Rows (k,) at which the clock restarts, by the order of a table, or by a counter beside the times."""
         ordered = self.times is not None and (self.numbers is not None or not self.where.endswith("/"))
         return clock_starts(self.times) if ordered and self.times is not None else np.zeros(1, np.int64)
 
@@ -50,9 +50,9 @@ def seconds_of(numbers: Ints | None, times: Floats | None, unit: Unit | None, ra
 
 
 def named_stream(root: Path, folder: str, suffixes: tuple[str, ...], unit: Unit | None = None) -> Stream:
-    """The images of a sub-folder by what differs in their names, in its order; `unit` as in `keys_of`.
+    """The images of a sub-folder, ordered by the differing parts of their names; `unit` as in `keys_of`.
 
-    Raises InputError that says which files were found where none can be used.
+    Raises InputError that names the files found if none can be used.
     """
     paths, keys, notes = named_files(root, folder, suffixes, unit)
     where = shown(root.name if folder == "." else folder)
@@ -64,7 +64,7 @@ def named_stream(root: Path, folder: str, suffixes: tuple[str, ...], unit: Unit 
 def stamped_files(
     root: Path, folder: str, suffixes: tuple[str, ...], unit: Unit | None = None, rate_hz: float = RATE_HZ
 ) -> dict[float, Path]:
-    """Files that are named like the images, such as one pose a frame, by the stamps (s) that `pair` gives those."""
+    """Files named like the images, such as one pose a frame, by the stamps (s) that `pair` gives the images."""
     paths, keys, _ = named_files(root, folder, suffixes, unit)
     return dict(zip(seconds_of(keys.numbers, keys.times, keys.unit, rate_hz).tolist(), paths, strict=True))
 
@@ -72,9 +72,9 @@ def stamped_files(
 def named_files(
     root: Path, folder: str, suffixes: tuple[str, ...], unit: Unit | None = None
 ) -> tuple[tuple[Path, ...], Keys, tuple[Note, ...]]:
-    """Files of a sub-folder in the order of their numbers, else of their times; these; and what was left out.
+    """Files of a sub-folder in the order of their numbers, else of their times; these keys; and notes on unused files.
 
-    Raises InputError that says which files were found where none can be used.
+    Raises InputError that names the files found if none can be used.
     """
     files, others = list_files(root, folder, suffixes)
     inside = shown(root / folder)
@@ -96,7 +96,7 @@ def named_files(
         notes.append(Note(NoteKind.DROPPED, f"{text}: {shown(some)}"))
     if others and folder != ".":
         text = f"{len(others)} files in {shown(folder)}/ are not used, such as {shown(others[0].name)}: "
-        text += "suffixes that are not read here"
+        text += "their suffixes are not supported"
         notes.append(Note(NoteKind.UNUSED, text))
     kept = np.setdiff1d(np.arange(len(files)), keys.odd)
     by = keys.numbers if keys.numbers is not None else keys.times

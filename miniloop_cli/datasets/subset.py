@@ -1,4 +1,4 @@
-"""An evenly spaced part of a recording as a TUM folder of its own: `python -m miniloop_cli.datasets.subset`."""
+"""An evenly spaced part of a recording as a new TUM folder: `python -m miniloop_cli.datasets.subset`."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ USAGE = "usage: python -m miniloop_cli.datasets.subset SEQ DIR FRAMES"
 
 
 def evenly_spaced(sequence: Sequence, count: int) -> tuple[Frame, ...]:
-    """Frames round(linspace(0, last, count)) of those that the ground truth covers, of all where there is none."""
+    """Frames round(linspace(0, last, count)) of those with ground truth, of all if there is none. Raises InputError."""
     frames = sequence.frames
     if truth := read_ground_truth(sequence):
         covered = truth.timestamps_s[[0, -1]]
         frames = tuple(f for f in frames if covered[0] <= f.timestamp_s <= covered[1])
     if not 1 <= count <= len(frames):
-        raise InputError(f"{shown(sequence.root)} has {len(frames)} frames to choose from; {count} cannot be had")
+        raise InputError(f"{shown(sequence.root)} has {len(frames)} frames; choose at most so many, not {count}")
     return tuple(frames[k] for k in np.round(np.linspace(0, len(frames) - 1, count)).astype(int))
 
 
 def write_subset(source: Path, target: Path, count: int) -> None:
-    """Copy `count` frames of a TUM folder to `target`, tables cut, ground truth whole; all of it or nothing.
+    """Copy `count` frames of a TUM folder to `target`, with shortened tables and the whole ground truth, or nothing.
 
     Raises MiniloopError if the recording cannot be read, has too few frames, or the folder cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Poses in the formats of many tools, told apart by the number of columns and by their names.
+"""Poses in the formats of many tools, recognised by the number of columns and by their names.
 
 TUM: 8 columns, `timestamp tx ty tz qx qy qz qw`. KITTI: 12, the upper rows of a matrix; Replica and others: all 16,
 or 4 lines of 4; Redwood: those below a line of 3 numbers. Anything else needs a header that names its columns.
@@ -20,7 +20,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.typing import Floats, Ints
 
 MAX_COORDINATE_M = 1e7
-UNIT_QUATERNION = 0.02  # what rounding may take from the length of a quaternion
+UNIT_QUATERNION = 0.02  # error of the length of a quaternion by rounding
 RIGID = 0.01  # largest entry of R R' - 1
 METRES = {None: 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 KNOWN = (
@@ -34,12 +34,12 @@ class PoseFile:
     """Poses as a file has them, in its order."""
 
     name: str
-    format: tuple[str, ...]  # what it was taken for and what was converted
+    format: tuple[str, ...]  # the recognised format, and conversions
     T_world_cam: Floats  # (n, 4, 4), metres
     lines: Ints  # (n,) line in the file
     stamps: Floats | None  # (n,) in a unit that may be unknown; None in formats that have none
-    time_unit: Unit | None = None  # of the stamps, where the file states it
-    numbers: Ints | None = None  # (n,) frame numbers, where the file states them
+    time_unit: Unit | None = None  # of the stamps, if the file states it
+    numbers: Ints | None = None  # (n,) frame numbers, if the file states them
 
     def where(self, row: int) -> str:
         """File and line of a pose, for a message."""
@@ -47,7 +47,7 @@ class PoseFile:
 
 
 def read_pose_file(path: Path) -> PoseFile:
-    """The poses of a file. Raises InputError naming file and line for what is malformed or could mean two things."""
+    """The poses of a file. Raises InputError naming file and line for malformed and for ambiguous content."""
     text = read_text(path)
     if not text.lines:
         raise InputError(f"{text.name} has no poses; expected {KNOWN}")
@@ -62,7 +62,7 @@ def read_pose_file(path: Path) -> PoseFile:
         except InputError as error:
             problems.append(error)
     if len(found) > 1:
-        raise InputError(f"{text.name}: its commas may separate numbers or stand for decimal points; write points")
+        raise InputError(f"{text.name}: its commas may be separators or decimal points; write decimal points")
     if not found:
         raise problems[-1]
     return found[0]
@@ -99,13 +99,14 @@ def _named(table: Table, columns: Columns, words: list[str]) -> PoseFile:
 def _stamped(
     table: Table, stamps: Floats, position_m: Floats, q: Floats, time_unit: Unit | None, words: tuple[str, ...]
 ) -> PoseFile:
-    length = np.hypot(np.hypot(q[:, 0], q[:, 1]), np.hypot(q[:, 2], q[:, 3]))  # overflows for no finite number
+    length = np.hypot(np.hypot(q[:, 0], q[:, 1]), np.hypot(q[:, 2], q[:, 3]))  # does not overflow for finite numbers
     if (bad := np.abs(length - 1) > UNIT_QUATERNION).any():
         k = int(bad.argmax())
         if length[k] < 1e-6:
             raise InputError(f"{table.where(k)}: the quaternion is zero; remove the row")
         raise InputError(
-            f"{table.where(k)}: no unit quaternion (length {length[k]:.3g}); are the columns 'timestamp tx ty tz qx qy "
+            f"{table.where(k)}: not a unit quaternion (length {length[k]:.3g}); are the columns 'timestamp tx ty tz "
+            "qx qy "
             "qz qw'? Name others in a header"
         )
     _require_metres(table, position_m, np.arange(len(q)))
@@ -138,17 +139,20 @@ def _blocks(table: Table, words: list[str]) -> PoseFile:
 
 
 def _rigid(table: Table, M: Floats, rows: Ints) -> Floats:
-    """(n, 4, 4) poses with exact rotations from (n, 3 or 4, 4). Raises InputError for what is no rigid motion."""
+    """(n, 4, 4) poses with exact rotations from (n, 3 or 4, 4). Raises InputError for other matrices."""
     if M.shape[1] == 4 and (bad := np.abs(M[:, 3] - [0, 0, 0, 1]).max(axis=1) > 1e-6).any():
         turned = not np.abs(M[:, :, 3] - [0, 0, 0, 1]).max() > 1e-6
         hint = "it is written column by column; transpose it" if turned else "it does not end in 0 0 0 1"
-        raise InputError(f"{table.where(int(rows[bad.argmax()]))}: no matrix of a rigid motion: {hint}")
+        raise InputError(f"{table.where(int(rows[bad.argmax()]))}: not a matrix of a rigid motion: {hint}")
     R, t = M[:, :3, :3], M[:, :3, 3]
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
         bad = ~(off <= RIGID) | ~(np.linalg.det(R) > 0)
     if bad.any():
-        raise InputError(f"{table.where(int(rows[bad.argmax()]))}: no rigid motion: rows of a rotation and a position")
+        raise InputError(
+            f"{table.where(int(rows[bad.argmax()]))}: not a rigid motion: expected the rows of a rotation and a "
+            "position"
+        )
     _require_metres(table, t, rows)
     return se3.pose(se3.project_so3(R), t)
 

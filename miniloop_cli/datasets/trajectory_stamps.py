@@ -14,22 +14,22 @@ from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats, Ints
 
 MAX_STAMP_S = 1e12
-EQUAL_SHARE = 0.05  # more stamps that repeat others have lost digits
+EQUAL_SHARE = 0.05  # with more repeated stamps, digits are lost
 UNSORTED_SHARE = 0.2
-LATE = 3.0  # median steps by which a row may stand late
+LATE = 3.0  # median steps by which a row may be late
 SAME_RHYTHM_S = 0.002
 
-# (n,) stamps of the frames by number, by the words for what counts them; asked for only where a file needs them.
+# Gives (n,) stamps of the frames by number, by a description of the counter; called only if a file needs them.
 Numbered = Callable[[], Mapping[str, Floats]]
 
 
 def to_trajectory(file: PoseFile, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
     """The poses by time, in seconds on the clock of the frames.
 
-    `frames_s`: (m,) sorted stamps of the frames that the poses are for: the unit of the file's stamps is the one that
-    lays them there. Without, they are taken by their size. `numbered`: for files with one pose
-    a frame instead of stamps on the clock of the frames.
-    Raises InputError where no unit fits, where two do, and where the stamps repeat, jump back or are of another clock.
+    `frames_s`: (m,) sorted stamps of the frames of the poses; the unit of the file's stamps is the one that matches
+    them. Without, the unit follows from their magnitude. `numbered`: for files with one pose a frame instead of stamps
+    on the clock of the frames.
+    Raises InputError if no unit fits or two do, and if the stamps repeat, jump back or are of another clock.
     """
     if file.stamps is None:
         return by_number(file, numbered())
@@ -50,12 +50,12 @@ def to_trajectory(file: PoseFile, frames_s: Floats | None = None, numbered: Numb
 
 
 def counts_rows(stamps: Floats) -> bool:
-    """Whether (n,) sorted stamps are 0, 1, 2 ... or 1, 2, 3 ...: numbers of rows or frames, hardly times."""
+    """Whether (n,) sorted stamps are 0, 1, 2 ... or 1, 2, 3 ...: numbers of rows or frames, not times."""
     return len(stamps) > 2 and stamps[0] in (0, 1) and bool((np.diff(stamps) == 1).all())
 
 
 def by_number(file: PoseFile, numbered: Mapping[str, Floats]) -> Trajectory:
-    """Poses without stamps, by the frame stamps (n,). Raises InputError unless they are as many as the frames."""
+    """Poses without stamps, by the frame stamps (n,). Raises InputError if their numbers differ."""
     for name, stamps_s in numbered.items():
         whole = file.numbers is None or np.array_equal(file.numbers, np.arange(len(stamps_s)))
         if whole and len(file.T_world_cam) == len(stamps_s):
@@ -86,7 +86,7 @@ def _by_counter(
 
 
 def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
-    """Rows in the order of time, the first of equal stamps, and what was done. Raises InputError."""
+    """Rows in the order of time, the first of equal stamps, and notes. Raises InputError."""
     steps, words = np.diff(stamps), []
     back = steps < 0
     if back.any() and not (steps <= 0).all():
@@ -114,18 +114,18 @@ def _in_order(file: PoseFile, stamps: Floats) -> tuple[Ints, list[str]]:
 
 
 def _unit_alone(file: PoseFile, stamps: Floats) -> Unit:
-    """Times since 1970 tell their unit; smaller ones are in seconds, as TUM has them."""
+    """The unit by the magnitude of times since 1970; smaller stamps are in seconds, as in TUM's files."""
     return file.time_unit or since_1970(stamps) or SECONDS
 
 
 def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) -> Unit | None:
-    """The unit that lays the stamps among those of the frames; None if none does. Raises InputError if two do."""
+    """The unit in which the stamps match those of the frames; None if none does. Raises InputError if two do."""
     if file.time_unit:
         fitting = units_at(stamps, frames_s)
         if file.time_unit in fitting or not fitting:
             return file.time_unit if fitting else None
         raise InputError(
-            f"{file.name}: the header says {file.time_unit.symbol}, but the stamps lie at the frames' times if they "
+            f"{file.name}: the header says {file.time_unit.symbol}, but the stamps match the frames' times if they "
             f"are in {' or '.join(unit.symbol for unit in fitting)}; correct the header"
         )
     units = units_beside(stamps, frames_s, lambda at_s: int(associate(frames_s, Trajectory(at_s, T))[1].sum()))
@@ -141,7 +141,7 @@ def _unit_beside(file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats) ->
 def _shifted(
     file: PoseFile, stamps: Floats, T: Floats, frames_s: Floats, numbered: Mapping[str, Floats], words: list[str]
 ) -> Trajectory:
-    """Stamps of another clock: shifted where there is one pose a frame in the same rhythm, else refused."""
+    """Stamps of another clock, shifted if there is one pose a frame at the same intervals. Raises InputError else."""
     for guess in [file.time_unit] if file.time_unit else UNITS:
         for name, stamps_s in numbered.items():
             at_s = in_seconds(stamps, guess)
@@ -155,11 +155,9 @@ def _shifted(
     at_s = in_seconds(stamps, unit)
     advice = "is it of this recording?"
     if abs(at_s[0]) < EPOCH_S[0] <= frames_s[0] < EPOCH_S[1]:
-        advice += (
-            f" It counts from a start of its own: add the frames' clock at that start (near {frames_s[0]:.6f}) to it"
-        )
+        advice += f" Its clock starts at 0: add the frames' clock at that moment (near {frames_s[0]:.6f}) to it"
     elif abs(frames_s[0]) < EPOCH_S[0] <= at_s[0] < EPOCH_S[1]:
-        advice += " The frames have no such clock: subtract the time of the first frame"
+        advice += " The frames' clock starts at 0: subtract the time of the first frame"
     raise InputError(
         f"{file.name}: no poses at the times of the frames (stamps {at_s[0]:.3f} to {at_s[-1]:.3f} s against "
         f"{frames_s[0]:.3f} to {frames_s[-1]:.3f} s); {advice}"

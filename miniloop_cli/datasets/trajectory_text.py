@@ -1,4 +1,4 @@
-"""Tables of numbers as any tool writes them: encoding, comments, header, separators, decimal points or commas."""
+"""Tables of numbers from any tool: encoding, comments, header, separators, decimal points or commas."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ NO_NUMBERS = re.compile(r"[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 SEPARATOR_BESIDE_DECIMAL_COMMA = re.compile(r"\s*;\s*|\s+")
 QUOTED = re.compile(r'(?<![^\s,;#])"([^"]*)"(?![^\s,;])')  # a whole cell
-REMARK = re.compile(r"\s+#")  # within a number, # is no remark but damage
+REMARK = re.compile(r"\s+#")  # a # within a number is damage, not a remark
 UTF_8, UTF_16 = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)
 class Text:
-    """The lines of a table, with their numbers in the file, and what stands before them."""
+    """The lines of a table, with their numbers in the file, its comments and its header."""
 
     name: str  # of the file, for messages
     lines: tuple[tuple[int, str], ...]
@@ -71,7 +71,7 @@ def read_text(path: Path) -> Text:
 
 
 def parse(text: Text, decimal_commas: bool) -> Table:
-    """The numbers of all lines; commas separate them, or stand for decimal points. Raises InputError naming a line."""
+    """The numbers of all lines; commas are separators or decimal points. Raises InputError naming a line."""
     rows = [_numbers(line, text.where(number), decimal_commas) for number, line in text.lines]
     if rows and all(row[-1] is None for row in rows):  # a separator at the end of every line
         rows = [row[:-1] for row in rows]
@@ -85,7 +85,7 @@ def parse(text: Text, decimal_commas: bool) -> Table:
 
 
 def may_have_decimal_commas(text: Text) -> bool:
-    """Whether commas may stand for decimal points: none at the end of a number, and no other points."""
+    """Whether commas may be decimal points: none at the end of a number, and no other points."""
     lines = [line for _, line in text.lines]
     return any("," in line for line in lines) and not any(
         "." in line or re.search(r"(^|[^0-9]),|,([^0-9]|$)", line) for line in lines
@@ -108,7 +108,7 @@ def _decoded(data: bytes, name: str) -> tuple[str, str]:
     except (UnicodeDecodeError, LookupError):
         content = "\0"
     if "\0" in content:
-        raise InputError(f"{name} is no text file: expected lines of numbers")
+        raise InputError(f"{name} is not a text file: expected lines of numbers")
     return content, encoding
 
 

@@ -1,7 +1,6 @@
 """Frames of a video as images: decoded in order by FFmpeg's libraries (PyAV), a decoder kept open once a process.
 
-Frames are taken as they are stored, whatever the file says about turning them or leaving some out for display: the
-depth beside them is as the camera saw it.
+Frames are used as stored; rotations and omissions for display are ignored, as depth has none.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ from miniloop_cli.typing import Floats
 
 MAX_VIDEO_BYTES = 64 << 30
 MAX_FRAMES = 2_000_000
-AHEAD_S = 2.0  # a frame that lies no further ahead is decoded on to, without looking for a place to start
+AHEAD_S = 2.0  # up to a frame no further ahead, the decoder continues without a seek
 BACK_S = (0.0, 1.0, 10.0, 100.0, 1e6)
-UNDECODABLE = "the video is damaged there: this frame cannot be decoded"
-RECENT = 4  # decoded frames that are kept: threads ask for neighbours in any order
+UNDECODABLE = "the video is damaged here: this frame cannot be decoded"
+RECENT = 4  # decoded frames that are kept, as threads read neighbours in any order
 MATROSKA = b"\x1a\x45\xdf\xa3"
 MP4_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
-# Every stored frame, none made up or left out for display; no other file or address is opened.
+# Every stored frame, none repeated or left out for display; no other file or address is opened.
 OPTIONS = {"ignore_editlist": "1", "enable_drefs": "0", "protocol_whitelist": "file"}
 
 
@@ -100,14 +99,14 @@ class _Video:
             self._stream = self._container.streams.video[0]
             codec = self._stream.codec_context
             if codec is None:
-                raise InputError("its frames are encoded in a way that is not known here")
-            codec.thread_count = 1  # frames go to many processes; threads would only delay what each decodes
+                raise InputError("the encoding of its frames is not supported")
+            codec.thread_count = 1  # frames are decoded in many processes already
             if codec.width * codec.height > MAX_PIXELS or not codec.width * codec.height:
                 raise InputError(f"frames of {codec.width} x {codec.height} pixels")
             self.header = ImageHeader(codec.width, codec.height, 8, 3, f"{codec.name} video frame")
             self._tick_s = float(self._stream.time_base or 0)
         if not self._tick_s > 0:
-            raise InputError("the video states no unit of its times")
+            raise InputError("the video does not state the unit of its times")
 
     def stamps(self) -> tuple[list[int], float]:
         """The presentation stamps of all frames, sorted, and seconds a tick; packets are read but not decoded."""
@@ -115,7 +114,7 @@ class _Video:
             return self._stamps, self._tick_s
         found = set()
         with self._lock, damage(_reason):
-            self._at = None  # the packets read here are lost to the decoder
+            self._at = None  # the decoder does not get the packets read here
             for packet in self._container.demux(self._stream):
                 if packet.pts is not None and packet.size:
                     found.add(int(packet.pts))
@@ -137,13 +136,13 @@ class _Video:
             try:
                 return self._pixels(self._decode_to(pts))
             except BaseException:
-                self._at = None  # wherever the decoder stands now
+                self._at = None  # the state of the decoder is unknown now
                 raise
 
     def _start(self, pts: int) -> None:
-        """Have the decoder begin at or before the frame `pts`, where it can: its next frame is the first there.
+        """Seek to a position at or before the frame `pts`; the decoder's next frame is the first there.
 
-        A container looks for places by the order of decoding, in which a later frame may come first: then further
+        A container seeks in the order of decoding, in which a later frame may come first; then the seek goes further
         back.
         """
         for back_s in BACK_S:
@@ -175,16 +174,16 @@ class _Video:
 
 
 def _kind(start: bytes) -> str:
-    """The container by its first bytes, so that nothing is tried: a playlist, say, would open other files."""
+    """The container by its first bytes, as FFmpeg's own detection accepts playlists, which open other files."""
     if start.startswith(MATROSKA):
         return "matroska"
     if start[4:8] in MP4_BOXES:
         return "mp4"
-    raise InputError("no MP4, MOV or Matroska video")
+    raise InputError("not an MP4, MOV or Matroska video")
 
 
 def _reason(error: Exception) -> str:
-    """What FFmpeg says of a damaged video."""
+    """FFmpeg's reason for a damaged video."""
     said = getattr(error, "strerror", None) or type(error).__name__
     return f"the video is damaged, cut off or without an index ({said})"
 

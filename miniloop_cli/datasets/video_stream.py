@@ -19,9 +19,10 @@ from miniloop_cli.typing import Ints
 def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: str) -> tuple[Stream, tuple[Note, ...]]:
     """The frames of a video with the numbers of the depth images (n,) that belong to them, and notes.
 
-    `times_s`: the times of frames by number, from the file called `table`; the video's own clock where there are none.
-    The k-th frame has the k-th number of that file if both are as many, else the k-th of the depth images if these are.
-    Raises InputError for a video that cannot be read, where neither has as many, and where no frame has a time.
+    `times_s`: the times of frames by number, from the file `table`; without them, the video's own clock is used.
+    The k-th frame has the k-th number of that file if the counts are equal, else the k-th number of the depth images if
+    those counts are equal. Raises InputError for a video that cannot be read, if neither count is equal, and if no
+    frame has a time.
     """
     frames, own_s = video_frames(path)
     name, count, notes = shown(path.name), len(frames), []
@@ -32,7 +33,7 @@ def timed_video(path: Path, depth: Ints, times_s: Mapping[int, float], table: st
     else:
         raise InputError(
             f"{name} has {count} frames, but there are {len(depth)} depth images and {len(times_s)} rows in {table}: "
-            "nothing says which belong together; record or export it again"
+            "it is not known which belong together; record or export it again"
         )
     if times_s:
         timed = np.array([number in times_s for number in numbers.tolist()])

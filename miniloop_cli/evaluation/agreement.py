@@ -1,6 +1,6 @@
-"""Whether a ground truth means the same as the result by its poses: unit of length, axes, direction, tracked body.
+"""Whether ground truth and result use the same convention: unit of length, axes, direction, tracked body.
 
-A result whose errors are large for other reasons agrees with no convention; it is measured as it is, with a note.
+A result with large errors for other reasons agrees with no convention; it is evaluated unchanged, with a note.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from miniloop_cli.typing import Floats, Ints
 BODY = "body"  # the convention of a tracked body that is fixed to the camera
 MOST_POSES = 60  # of which all pairs are compared
 MIN_POSES_FOR_BODY = 8
-SAME, RELATED = 0.15, 0.5  # differences of motions below which poses agree, and below which they are of one path
+SAME, RELATED = 0.15, 0.5  # differences of motions below which poses agree, and below which they belong to one path
 CLEARLY = 0.5  # a better convention leaves at most this much of the difference
 TURNED_DEG, LEVER_M, MAX_LEVER_M = 10.0, 0.05, 2.0
 UNITS = {1000.0: "millimetres", 100.0: "centimetres", 0.001: "kilometres"}
@@ -23,11 +23,11 @@ UNIT_SURE, UNIT_LIKELY = 0.01, 0.1
 
 
 def in_our_convention(T_est: Floats, T_given: Floats, convention: str, any_scale: bool) -> tuple[Floats, list[str]]:
-    """(n, 4, 4) true poses of the camera in metres from those given, and notes on what was converted or is odd.
+    """(n, 4, 4) true poses of the camera in metres from those given, and notes on conversions and doubts.
 
     `T_est` (n, 4, 4): the result's poses at the same times; `any_scale`: it has no scale of its own (Sim3).
-    Raises MiniloopError that names the convention where another one than `convention` explains the result's motions,
-    and a unit that positions are likely to have.
+    Raises MiniloopError if another convention than `convention`, or another unit, explains the result's motions; it
+    names that one.
     """
     i, j = _pairs(len(T_est))
     known = motions(T_est, i, j)
@@ -56,7 +56,7 @@ def in_our_convention(T_est: Floats, T_given: Floats, convention: str, any_scale
                 )
             return T_true, [*notes, f"looks like {words}; --gt-convention body fits the offset"]
     if off > RELATED:
-        notes.append("the motions of result and ground truth hardly agree: is it of this recording?")
+        notes.append("the motions of the result and of the ground truth differ: is the ground truth of this recording?")
     return T_true, notes
 
 
@@ -68,7 +68,7 @@ def _pairs(count: int) -> tuple[Ints, Ints]:
 
 
 def _in_metres(T: Floats, given: Floats, known: Floats, any_scale: bool) -> tuple[Floats, list[str]]:
-    """Poses with positions in metres. Raises MiniloopError where another unit is likely, but not sure."""
+    """Poses with positions in metres. Raises MiniloopError if another unit is likely, but not certain."""
     ratio = length_ratio(given, known)
     for factor, unit in UNITS.items():
         if factor == 1000.0 and abs(ratio / factor - 1) <= UNIT_SURE:
@@ -100,8 +100,8 @@ def _refuse_other_convention(T_given: Floats, convention: str, off: float, known
 def _hand_eye(T_body: Floats, T_cam: Floats, i: Ints, j: Ints) -> Floats | None:
     """The (4, 4) pose X of the camera on a body with T_cam = T_body X up to the world, in least squares.
 
-    Motions A of the body and B of the camera obey A X = X B: rotation vectors are turned by R_X, and
-    (R_A - 1) t_X = R_X t_B - t_A. None for few poses or turns about one axis only, which leave X open.
+    Motions A of the body and B of the camera obey A X = X B: rotation vectors are rotated by R_X, and
+    (R_A - 1) t_X = R_X t_B - t_A. None for few poses or rotations about one axis only, which do not determine X.
     """
     if len(T_cam) < MIN_POSES_FOR_BODY:
         return None

@@ -12,20 +12,20 @@ from miniloop_cli.export.mesh_model import Mesh, vertex_normals
 from miniloop_cli.typing import Bytes
 
 LEAST_DEPTH, MOST_DEPTH = 5, 10  # of the octree
-ROOM = 2.0  # the octree's cube over the extent of the points: the surface must not reach its walls, where it would end
+ROOM = 2.0  # the octree's cube over the extent of the points, as the surface would end at its walls
 
 
 def watertight(o3d: ModuleType, mesh: Mesh, voxel_m: float) -> Mesh:
-    """One closed surface along the mesh, with what it needs to close made up. Its cells are about as large as voxels.
+    """One closed surface along the mesh; holes are filled with invented surface. Its cells have about voxel size.
 
-    Raises MiniloopError where no closed surface comes out.
+    Raises MiniloopError if the result is not closed.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     depth = int(np.clip(np.ceil(np.log2(ROOM * extent / voxel_m)), LEAST_DEPTH, MOST_DEPTH))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(mesh.vertices.astype(float)))
     cloud.normals = o3d.utility.Vector3dVector(vertex_normals(mesh).astype(float))
     cloud.colors = o3d.utility.Vector3dVector(mesh.colors / 255.0)
-    # One thread: with more, the same points give another surface each time.
+    # One thread: with more, the result differs from run to run.
     made, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, scale=ROOM, n_threads=1)
     colors: Bytes = np.rint(255 * np.clip(np.asarray(made.vertex_colors), 0, 1)).astype(np.uint8)
     triangles = np.asarray(made.triangles, np.int32)
@@ -33,12 +33,12 @@ def watertight(o3d: ModuleType, mesh: Mesh, voxel_m: float) -> Mesh:
     piece = pieces(closed)
     closed = closed.subset(piece[triangles[:, 0]] == diagonals(closed, piece).argmax())
     if not is_closed(closed):
-        raise MiniloopError("no closed surface comes out of these scans: too much of it was not seen; try --voxel 0.02")
+        raise MiniloopError("these scans give no closed surface: too much of it was not seen; try --voxel 0.02")
     return closed
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge has one triangle on each side, turned the same way."""
+    """Whether every edge has one triangle on each side, with the same orientation."""
     ends = mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     there, back = np.sort(ends[:, 0] << 32 | ends[:, 1]), np.sort(ends[:, 1] << 32 | ends[:, 0])
     return len(there) > 0 and bool((np.diff(there) > 0).all()) and np.array_equal(there, back)

@@ -1,4 +1,4 @@
-"""What follows from the numbers of an inspection: one finding, one thing to do about it."""
+"""Findings from the numbers of an inspection, each with advice."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Numbers = dict[str, Any]
 
 @dataclass(frozen=True)
 class Finding:
-    """`problem`: expect wrong or no poses; `warning`: expect less; `note`: good to know."""
+    """`problem`: poses may be wrong or missing; `warning`: results may be worse; `note`: for information."""
 
     level: str
     code: str
@@ -24,7 +24,7 @@ class Finding:
 
 
 def all_findings(numbers: Numbers) -> tuple[Finding, ...]:
-    """Every finding, gravest first. Numbers that could not be measured give none."""
+    """Every finding, most severe first. Numbers that could not be measured give none."""
     found = [finding for check in CHECKS for finding in check(numbers)]
     return tuple(sorted(found, key=lambda finding: LEVELS.index(finding.level)))
 
@@ -50,7 +50,7 @@ def _timing(numbers: Numbers) -> Iterator[Finding]:
             "association",
             f"only {100 * timing['paired']:.0f} % of the images have a partner within 20 ms, or with their number "
             f"({timing['color_images']} colour, {timing['depth_images']} depth)",
-            "check that both tables are of this recording and on one clock; a constant offset can be added to one",
+            "check that both tables are of this recording and use one clock; remove a constant offset",
         )
     if timing["gaps"]:
         longest = timing["gaps"][0]
@@ -59,7 +59,7 @@ def _timing(numbers: Numbers) -> Iterator[Finding]:
             "gaps",
             f"{len(timing['gaps'])} gap(s) in time, the longest {longest['length_s']:.1f} s after frame "
             f"{longest['after_frame']}",
-            "the parts are joined only if they see the same place; otherwise register them on their own",
+            "the parts are joined only if they see the same place; otherwise register each one separately",
         )
 
 
@@ -86,7 +86,7 @@ def _images(numbers: Numbers) -> Iterator[Finding]:
         )  # fmt: skip
     if (
         images["blurred"] > 0.3 and numbers.get("features", {}).get("with_depth", 0) >= FEW_FEATURES
-    ):  # else it is the noise
+    ):  # else the difference is noise
         yield Finding(
             "warning", "blur", f"{100 * images['blurred']:.0f} % of the frames are much less sharp than the others",
             "move more slowly or shorten the exposure",
@@ -106,10 +106,10 @@ def _no_reading(numbers: Numbers) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "no-reading",
-            f"{100 * found['share']:.0f} % of the pixels hold the depth {found['value']:g} ({found['m']:.2f} m), with "
-            "nothing between it and the scene: it is taken as no reading",
-            "no need to act if the sensor marks missing depth so; if a surface lies there, store 0 where there is no "
-            "reading",
+            f"{100 * found['share']:.0f} % of the pixels hold the depth {found['value']:g} ({found['m']:.2f} m), far "
+            "from all other depths: this value is read as missing depth",
+            "do nothing if the sensor marks missing depth by this value; if a surface is there, store 0 for missing "
+            "depth",
         )
 
 
@@ -127,12 +127,12 @@ def _features(numbers: Numbers) -> Iterator[Finding]:
             "problem" if pairs["neighbours"] < 0.3 else "warning",
             "little-overlap",
             f"{100 * (1 - pairs['neighbours']):.0f} % of the sampled frames do not match the frame after them",
-            "record more slowly or keep more frames; neighbours should share half of their view",
+            "record more slowly or keep more frames; neighbouring frames should share half of their view",
         )
     if pairs and pairs["count"] and pairs["flow_px"] < 2:
         yield Finding(
-            "note", "still", f"the camera hardly moves ({pairs['flow_px']:.1f} px between the pairs looked at)",
-            "scale, focal length and registration of the depth cannot be judged without motion",
+            "note", "still", f"the camera hardly moves ({pairs['flow_px']:.1f} px between the compared frames)",
+            "depth scale, focal length and registration of the depth cannot be checked without motion",
         )  # fmt: skip
 
 
@@ -143,18 +143,18 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
     explained = (numbers.get("explained") or {}).get("median")
     kind, (x, y) = found["kind"], found["shift_px"]
     register = (
-        "register depth to colour first (most drivers and Open3D can), with both cameras' calibration; without one, "
-        "`miniloop register` asks the recording for it where camera.yaml names a depth camera (docs/calibration.md)"
+        "register depth to colour first, with the calibration of both cameras (most drivers and Open3D can); without "
+        "one, name a depth camera in camera.yaml, and `miniloop register` estimates it (docs/calibration.md)"
     )
     if kind == "shifted":
         yield Finding(
             "problem", "unregistered-depth",
-            f"depth lies off the colour image: it fits when moved by ({x}, {y}) px", register,
+            f"depth is shifted against colour: it fits when moved by ({x}, {y}) px", register,
         )  # fmt: skip
     elif kind == "enlarged":
         yield Finding(
             "problem", "unregistered-depth",
-            f"depth and colour differ in scale: depth fits when enlarged by {found['factor']:.2f} and moved by "
+            f"depth and colour differ in scale: depth fits when scaled by {found['factor']:.2f} and moved by "
             f"({x}, {y}) px", register,
         )  # fmt: skip
     elif kind == "mirrored":
@@ -173,14 +173,15 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
         certain = explained is None or explained < 0.7
         yield Finding(
             "problem" if certain else "warning", "swapped-depth",
-            "depth does not belong to the colour images: where depth jumps, colour does not change"
-            + (f", and it explains {100 * explained:.0f} % of the motion seen" if explained is not None else ""),
-            "check the pairing of the tables, swapped or mirrored files, and that depth is registered to colour",
+            "depth does not belong to the colour images: edges in depth are not edges in colour"
+            + (f", and depth explains {100 * explained:.0f} % of the motion" if explained is not None else ""),
+            "check that the tables pair the right images, that no files are swapped or mirrored, and that depth is "
+            "registered to colour",
         )  # fmt: skip
     elif kind == "unknown":
         yield Finding(
             "note", "registration-unknown", "these images do not show whether depth is registered to colour",
-            "no need to act; a scene with things in front of others would show it",
+            "do nothing, or record a scene with objects in front of others, which shows it",
         )  # fmt: skip
     odd = (numbers.get("explained") or {}).get("odd_frames") or []
     if kind in ("registered", "unknown") and explained is not None:
@@ -188,14 +189,14 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
             some = ", ".join(map(str, odd[:8])) + (", ..." if len(odd) > 8 else "")
             yield Finding(
                 "warning", "swapped-depth", f"the depth of some frames does not fit their colour: {some}",
-                "look at these frames; are their depth images those of other frames?",
+                "look at these frames: their depth images may be those of other frames",
             )  # fmt: skip
         elif explained < 0.5 and not numbers.get("focal", {}).get("contradicts"):
             yield Finding(
                 "problem", "inconsistent-depth",
                 f"depth explains only {100 * explained:.0f} % of the motion that colour shows",
-                "check that depth belongs to these images and is registered to them, and that little moves but the "
-                "camera",
+                "check that depth belongs to these images and is registered to them, and that little moves except "
+                "the camera",
             )  # fmt: skip
 
 
@@ -203,8 +204,8 @@ def _camera(numbers: Numbers) -> Iterator[Finding]:
     if numbers["camera"]["trust"] == Trust.GUESS:
         yield Finding(
             "warning", "camera-unknown", f"the camera is a guess: {numbers['camera']['source']}",
-            "`miniloop register` asks the recording for it; `miniloop calibrate` writes it to a file for other "
-            "recordings of this device (docs/calibration.md); a calibration with a board is better still",
+            "`miniloop register` estimates the camera from the recording; `miniloop calibrate` writes it to a file "
+            "for other recordings of this device (docs/calibration.md); a calibration with a board is more accurate",
         )  # fmt: skip
     sound = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
     focal = numbers.get("focal", {})
@@ -228,16 +229,16 @@ def _depth_scale(numbers: Numbers) -> Iterator[Finding]:
     if "problem" in truth:
         yield Finding(
             "warning", "ground-truth", f"the ground truth cannot be read: {truth['problem']}",
-            "registration does not need it; `miniloop eval` does",
+            "`miniloop register` does not need it; `miniloop eval` does",
         )  # fmt: skip
     if numbers.get("focal", {}).get("contradicts"):
-        return  # a wrong focal length bends distances too: first things first
+        return  # a wrong focal length also changes distances, so it is reported first
     if truth.get("pairs", 0) >= 5:
         registered = numbers.get("registration", {}).get("kind") in ("registered", "unknown")
         if registered and _off(truth["factor"]) and (truth["low"] > 1.04 or truth["high"] < 0.96):
             yield Finding(
                 "problem", "depth-scale",
-                f"distances come out {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
+                f"distances are {truth['factor']:.2f} times those of the ground truth ({truth['pairs']} pairs)",
                 f"depth_scale should be about {scale * truth['factor']:.0f} instead of {scale:g} units a metre",
             )  # fmt: skip
     elif factor := disparity.get("too_large_by"):

@@ -8,7 +8,7 @@ from miniloop_cli.inspection.findings import Numbers, interval
 
 
 def describe(numbers: Numbers) -> Iterator[tuple[str, str]]:
-    """(subject, text) lines; what could not be measured is left out."""
+    """(subject, text) lines, for the numbers that could be measured."""
     timing, camera = numbers["timing"], numbers["camera"]
     yield "recording", f"{numbers['sequence']}, {numbers['layout']} layout, {numbers['frames']} frames"
     model = camera["lens"]["model"]
@@ -39,7 +39,7 @@ def describe(numbers: Numbers) -> Iterator[tuple[str, str]]:
         yield "features", f"{features['median']:.0f} a frame (at most 1500), {features['with_depth']:.0f} with depth"
         yield (
             "overlap",
-            f"{_percent(pairs['neighbours'])} of the frames looked at match a later one; {pairs['count']} pairs of "
+            f"{_percent(pairs['neighbours'])} of the sampled frames match a later one; {pairs['count']} pairs of "
             f"{pairs['matches']:.0f} matches, {pairs['flow_px']:.0f} px apart",
         )
     yield from _geometry(numbers)
@@ -50,9 +50,9 @@ def _geometry(numbers: Numbers) -> Iterator[tuple[str, str]]:
     if found:
         x, y = found["shift_px"]
         words = {
-            "registered": "depth lies on the colour image",
+            "registered": "depth is registered to colour",
             "shifted": f"depth fits the colour image when moved by ({x}, {y}) px",
-            "enlarged": f"depth fits the colour image when enlarged by {found['factor']:.2f}",
+            "enlarged": f"depth fits the colour image when scaled by {found['factor']:.2f}",
             "mirrored": "depth is a mirror image of colour",
             "late": f"depth fits the colour image {found['frames']:+d} frames away",
             "foreign": "depth fits no colour image nearby",

@@ -1,4 +1,4 @@
-"""The robust estimator: matches of a pair or of a closed cycle of scans in, the pose of every edge out."""
+"""The robust estimator: from matches of a pair or of a closed cycle of scans to the pose of every edge."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from miniloop_cli.ransac.search import search
 from miniloop_cli.solvers import load, solver_name
 from miniloop_cli.typing import Bools, Floats
 
-SIGMAS = 3.0  # a match may be this many of its own sigmas farther off than the threshold
+SIGMAS = 3.0  # the threshold of a match grows by so many of its own sigmas
 
 
 @dataclass(frozen=True)
 class EdgeEstimate:
-    """What was found for one edge.
+    """The estimate of one edge.
 
     T (4, 4) maps the first scan's points into the second's; `inliers` (m,) bool; `chi2` (m,) squared Mahalanobis
     distances; `information` (6, 6) from this edge's own inliers; `covariance` (6, 6) of T in the joint estimate;
@@ -38,7 +38,7 @@ class EdgeEstimate:
 
 @dataclass(frozen=True)
 class CycleEstimate:
-    """Edges in the order of the cycle, the closing edge (first scan to last scan) last; hypotheses that were tried."""
+    """Edges in the order of the cycle, the closing edge (first scan to last scan) last; the number of hypotheses."""
 
     edges: tuple[EdgeEstimate, ...]
     hypotheses: int
@@ -54,11 +54,11 @@ def estimate(
     """Relative poses of a pair (one edge) or of a cycle of n scans (n edges), jointly; None if none was found.
 
     Edge e < n - 1 leads from scan e to scan e + 1 of the cycle, the last from scan 0 to scan n - 1. `upright`: the
-    axis z of all scans is vertical (2 to 4 scans). Raises MiniloopError for matches that are no numbers and for a
-    number of scans that no solver takes.
+    axis z of all scans is vertical (2 to 4 scans). Raises MiniloopError for matches that are not finite and for a
+    number of scans without a solver.
     """
     if not edges:
-        raise MiniloopError("there is nothing to estimate without an edge")
+        raise MiniloopError("at least one edge is needed")
     solver = load(solver_name(max(len(edges), 2), upright))
     matches, soft = pack(edges), settings.score == "msac"
     gate2 = _gate2(matches, settings)
@@ -73,7 +73,7 @@ def estimate(
 def refit(
     edges: Sequence[EdgeMatches], T: Floats, settings: Ransac, chi2_gate: float, hypotheses: int = 0
 ) -> CycleEstimate | None:
-    """The end of `estimate` from poses T (n-1, 3, 4) of the chain that were found in another way."""
+    """The last step of `estimate`, from given poses T (n-1, 3, 4) of the chain: refinement and inliers."""
     matches = pack(edges)
     if settings.score == "count":
         return _counted(edges, T, settings.threshold_m, hypotheses)
@@ -118,7 +118,7 @@ def _settled(
 
 
 def _counted(edges: Sequence[EdgeMatches], T: Floats, threshold_m: float, hypotheses: int) -> CycleEstimate:
-    """The paper's ending: inliers by distance, Procrustes on them, edge by edge."""
+    """The paper's last step: inliers by distance, Procrustes on them, edge by edge."""
     poses = edge_poses(T, len(edges))
     found = []
     for edge, pose34 in zip(edges, poses, strict=True):

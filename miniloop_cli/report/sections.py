@@ -1,4 +1,4 @@
-"""What each section of the page shows, as plain values for the template of its name; None where there is nothing."""
+"""The content of each section of the page, as plain values for the template of its name; None if it is empty."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Section = dict[str, Any]  # values by the names that the template calls them
 
 
 def trajectory(data: ReportData, trajectory: Trajectory | None, evaluation: Evaluation | None) -> Section:
-    """Top and side view, and the errors where there is a ground truth."""
+    """Top and side view, and the errors if there is a ground truth."""
     shown = [] if trajectory is None else charts.trajectory_charts(data, trajectory, evaluation)
     return {"charts": shown, "errors": evaluation.numbers if evaluation else None}
 
@@ -45,13 +45,13 @@ def model(data: ReportData, trajectory: Trajectory | None, store: Store) -> Sect
     except InputError as error:
         return {"problem": str(error)}
     if not pictures:
-        return {"problem": "cloud.ply is empty."}
+        return {"problem": "cloud.ply has no points."}
     shown = [data_uri(picture) for picture in pictures]
     return {"problem": "", "points": points, "pictures": shown, "turned_deg": VIEWS_DEG[1]}
 
 
 def overlap(data: ReportData) -> Section:
-    """Who sees the same place: the matrix and the graph."""
+    """The overlap of frames: the matrix and the graph."""
     edges, n = data.edges, len(data.frames)
     if not len(edges) or n < 2:
         return {"matrix": None}
@@ -77,7 +77,7 @@ def edges(data: ReportData) -> Section | None:
 
 
 def edge_rows(edges: Edges) -> list[list[Any]]:
-    """Rows of the sortable table: verified, weak, rejected, each worst first; None where there is no residual."""
+    """Rows of the sortable table: verified, weak, rejected, each worst first; None without a residual."""
     order = edges.by_residual
     rank = np.where(edges.verified, 0, np.where(edges.rejected, 2, 1))[order]
     rows = []
@@ -111,7 +111,7 @@ def worst_edges(data: ReportData, store: Store) -> list[Section]:
 
 
 def frames(data: ReportData) -> Section | None:
-    """Statistics per frame, and the frames without a pose: why, and what they look like."""
+    """Statistics per frame, and the frames without a pose, with reasons and images."""
     missing = np.flatnonzero(~data.frames.registered).tolist()
     rows = [(reason, len(numbers), runs(numbers, most=100)) for reason, numbers in left_out(data.columns)]
     thumbnails = []
@@ -127,7 +127,7 @@ def frames(data: ReportData) -> Section | None:
 
 
 def _calibration(found: Any) -> Section:
-    """What the run found of its camera; nothing where the recording was not asked, or the file is damaged."""
+    """The estimated camera of the run; empty without calibration, or if the file is damaged."""
     try:
         return {"calibration": calibration.rows(found), "calibration_words": calibration.in_words(found)}
     except (TypeError, KeyError, ValueError, AttributeError):

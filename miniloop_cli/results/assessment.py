@@ -1,4 +1,4 @@
-"""The verdict in words: did it work, how far it can be trusted, and what to try where it did not."""
+"""The verdict in words: whether the run succeeded, how far it can be trusted, and what to try otherwise."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ CONTRADICTING_DEG, CONTRADICTING_M = 10.0, 0.25  # a verified edge farther off i
 DOUBTFUL_NOTES = {
     NoteKind.CONTRADICTED: "the recording contradicts what was assumed about it",
     NoteKind.MOST_DROPPED: "most images of the recording are not used",
-    NoteKind.IMPOSSIBLE_MOTION: "the path makes a step that is out of all proportion to those around it",
-    NoteKind.AMBIGUOUS: "a part of the frames fits elsewhere nearly as well",
-    NoteKind.UNPROVEN: "it is not proven that the edges are arranged in the best way",
+    NoteKind.IMPOSSIBLE_MOTION: "the path makes a step that is much larger than those before and after it",
+    NoteKind.AMBIGUOUS: "some frames fit at another place nearly as well",
+    NoteKind.UNPROVEN: "the averaged poses are not proven to be the best fit to the edges",
 }
 CONTRADICTED = 0.1  # of the size of the true path: a larger error is not noise
 
 
 class Level(StrEnum):
-    """How far a run can be trusted: as it is, with the doubts that are named, or not."""
+    """How far a run can be trusted: fully, with the named doubts, or not at all."""
 
     GOOD = "good"
     DOUBTFUL = "doubtful"
@@ -46,10 +46,9 @@ class Level(StrEnum):
 
 @dataclass(frozen=True)
 class Assessment:
-    """What a run is worth: its level, one headline, what is known, what to try (empty where nothing is wrong).
+    """The assessment of a run: its level, one headline, facts, and advice (empty if nothing is wrong).
 
-    `reasons` say why the level is not good. `findings` are of an inspection of the recording, for runs that did not go
-    well.
+    `reasons`: why the level is not good. `findings`: of an inspection of the recording, for runs that are not good.
     """
 
     level: Level
@@ -71,7 +70,7 @@ def assess_run(run: Registration) -> Assessment:
 
 
 def judge(data: RunColumns, evaluation: Evaluation | None = None) -> Assessment:
-    """The assessment of a run, and of its trajectory where a ground truth was given."""
+    """The assessment of a run, and of its trajectory if there is a ground truth."""
     frames = data.frames
     total, registered = len(frames), int(frames.registered.sum())
     share = registered / total if total else 0.0
@@ -87,13 +86,13 @@ def judge(data: RunColumns, evaluation: Evaluation | None = None) -> Assessment:
 
 
 def _lost(data: RunColumns, share: float) -> tuple[str, ...]:
-    """What is said of frames without a pose, where they are many."""
+    """A reason if many frames have no pose."""
     missing = int((~data.frames.registered).sum())
     return () if share >= GOOD_SHARE else (f"{missing} of {len(data.frames)} frames are not registered",)
 
 
 def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
-    """Why the poses of the registered frames are not to be trusted."""
+    """Reasons to doubt the poses of the registered frames."""
     edges, doubts = data.edges, []
     if _contradicted(evaluation):
         doubts.append("the ground truth contradicts the poses")
@@ -102,8 +101,8 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
             doubts += [doubt, *texts]
     if carried := _followed_only(edges):
         doubts.append(
-            f"{carried} keyframes are joined to the others by tracking alone: no matches confirm it, and its errors "
-            "add up"
+            f"{carried} keyframes are joined to the others by tracking alone: no matches confirm it, and errors of "
+            "tracking accumulate"
         )
     if _loose(data):
         doubts.append("the edges disagree with the poses as a whole")
@@ -118,7 +117,7 @@ def _doubts(data: RunColumns, evaluation: Evaluation | None) -> tuple[str, ...]:
 
 
 def _followed_only(edges: Edges) -> int:
-    """How many keyframes no chain of matched frames joins to most of the others; 0 where these are few."""
+    """Number of keyframes that no chain of matched frames joins to most of the others; 0 if these are few."""
     followed = np.array([solver == FOLLOWED for solver in edges.solver], bool)
     frames, ends = np.unique(np.stack([edges.i, edges.j], axis=1)[edges.verified], return_inverse=True)
     if not (followed & edges.verified).any():
@@ -129,7 +128,7 @@ def _followed_only(edges: Edges) -> int:
 
 
 def _far_off(edges: Edges) -> Bools:
-    """(m,) edges whose residual is no noise: they are false, or the poses are."""
+    """(m,) edges whose residual is too large for noise: they or the poses are wrong."""
     return (edges.rot_deg > CONTRADICTING_DEG) | (edges.trans_m > CONTRADICTING_M)
 
 
@@ -141,7 +140,7 @@ def _loose(data: RunColumns) -> bool:
 
 
 def _contradicted(evaluation: Evaluation | None) -> bool:
-    """Whether the poses are farther from the ground truth than any noise would take them."""
+    """Whether the poses are farther from the ground truth than noise explains."""
     if evaluation is None:
         return False
     true = evaluation.T_true[:, :3, 3]
@@ -153,4 +152,4 @@ def _pieces(data: RunColumns) -> str:
     others = pieces(data)[1:]
     if not others:
         return " in one piece." if data.frames.registered.any() else "."
-    return f"; {sum(others)} more hang together in {len(others)} separate piece{'s' * (len(others) > 1)}."
+    return f"; {sum(others)} more form {len(others)} separate piece{'s' * (len(others) > 1)}."

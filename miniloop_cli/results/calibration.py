@@ -1,4 +1,4 @@
-"""What a run found of its camera, for summary.json, camera.yaml, the terminal and the report."""
+"""The estimated camera of a run, for summary.json, camera.yaml, the terminal and the report."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WORDS = {
 
 
 def numbers(found: Calibration) -> dict[str, Any]:
-    """For summary.json: whether anything changed, and each number as given, as it is, and how surely."""
+    """For summary.json: whether the camera changed, and each value as given, as estimated, and its sigma."""
     return {
         "changed": found.changed,
         "held_out_gain": round(found.gain, 5),
@@ -34,7 +34,7 @@ def numbers(found: Calibration) -> dict[str, Any]:
 
 
 def uncertainty(found: Calibration) -> dict[str, Any]:
-    """For camera.yaml: standard deviations, and the covariance of what was estimated by the names of its rows."""
+    """For camera.yaml: standard deviations, and the covariance of the estimated values with the names of its rows."""
     return {
         "sigma": {each.name: _rounded(each.sigma) for each in found.values()} | {"depth_scale": _scale(found)},
         "covariance_of": list(found.names_estimated),
@@ -43,31 +43,31 @@ def uncertainty(found: Calibration) -> dict[str, Any]:
 
 
 def one_line(numbers: dict[str, Any]) -> str:
-    """For the terminal: what was estimated and what stayed, from the numbers of summary.json."""
+    """For the terminal: estimated and unchanged values, from the numbers of summary.json."""
     if not numbers["changed"]:
-        return "the recording was asked: no other camera predicts held-out points clearly better than the one given"
+        return "unchanged: no other camera predicts held-out points clearly better than the one given"
     by_status: dict[str, list[str]] = {}
     for name, each in numbers["parameters"].items():
         by_status.setdefault(each["status"], []).append(_words(name, each))
     parts = [", ".join(by_status.pop(WORDS[Status.ESTIMATED], []))]
     parts += [f"{status}: {', '.join(word.split()[0] for word in words)}" for status, words in by_status.items()]
     gain = 100 * numbers["held_out_gain"]
-    return "; ".join([*parts, f"held-out points fit {gain:.1f} % better", "the unit of depth is the sensor's"])
+    return "; ".join([*parts, f"held-out points fit {gain:.1f} % better", "the unit of depth is not estimated"])
 
 
 def in_words(numbers: dict[str, Any]) -> str:
-    """Whether anything changed, what it gains, and what no recording tells."""
+    """Whether the camera changed, what that gains, and what cannot be estimated."""
     if not numbers["changed"]:
-        return "Nothing changed: no other camera predicts points that took no part clearly better than the one given."
+        return "The camera is unchanged: no other one predicts held-out points clearly better than the one given."
     gain, sigma = 100 * numbers["held_out_gain"], 100 * numbers["held_out_gain_sigma"]
     return (
-        f"Points that took no part fit {gain:.1f} ± {sigma:.1f} % better. The unit of depth stays the sensor's own, "
-        f"known to {100 * numbers['depth_scale_sigma']:g} %: no recording tells it."
+        f"Held-out points fit {gain:.1f} ± {sigma:.1f} % better. The unit of depth stays that of the sensor, known to "
+        f"{100 * numbers['depth_scale_sigma']:g} %: a recording does not determine it."
     )
 
 
 def rows(numbers: dict[str, Any]) -> list[tuple[str, str, str, str, str]]:
-    """For the report: name, given, now, standard deviation, what became of it."""
+    """For the report: name, given value, present value, standard deviation, status."""
     return [
         (name, f"{each['given']:.6g}", f"{each['value']:.6g}", f"{each['sigma']:.2g}", each["status"])
         for name, each in numbers["parameters"].items()
@@ -84,5 +84,5 @@ def _scale(found: Calibration) -> float:
 
 
 def _rounded(value: float) -> float:
-    """To seven digits: what lies beyond depends on how a kernel was compiled."""
+    """To seven digits, as further ones depend on how the kernels were compiled."""
     return float(f"{value:.7g}")

@@ -1,4 +1,4 @@
-"""What an evaluation is given: files and folders in, trajectories and edges out."""
+"""Inputs of an evaluation: from files and folders to trajectories and edges."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Inputs = tuple[Trajectory, Trajectory, Floats | None, Protocol | None, str]
 def read_inputs(
     source: Path, truth: Path, edges_path: Path | None, protocol: Protocol | None, follow_links: bool = False
 ) -> Inputs:
-    """The arguments of `evaluate`: trajectory, ground truth, (e, 2) edge stamps, protocol, what the edges are called.
+    """The arguments of `evaluate`: trajectory, ground truth, (e, 2) edge stamps, protocol, name of the edges.
 
     `source`: a results folder or a trajectory; `truth`: a trajectory or a recording that has one; `edges_path`: an
-    edges.csv or a list of lines "i j". Raises InputError for what is missing or malformed.
+    edges.csv or a list of lines "i j". Raises InputError for missing and malformed files.
     """
     folder = run_of(source)
     trajectory = read_poses(source)
@@ -45,7 +45,7 @@ def read_inputs(
 def run_of(source: Path) -> Results | None:
     """The run of a results folder or of its trajectory.txt."""
     file = source / "trajectory.txt" if source.is_dir() else source
-    # A trajectory of another name does not belong to the run whose folder it may lie in.
+    # A trajectory with another name does not belong to the run in the same folder.
     return Results(file.parent) if file.name == "trajectory.txt" else None
 
 
@@ -56,9 +56,10 @@ def read_poses(source: Path) -> Trajectory:
 
 
 def ground_truth(path: Path, frames_s: Floats, folder: Results | None, follow_links: bool = False) -> Trajectory:
-    """The trajectory at `path`: a file, a folder's groundtruth.txt, or what a recording of another layout has.
+    """The trajectory at `path`: a file, a folder's groundtruth.txt, or the ground truth of a recording.
 
-    `frames_s`: (n,) stamps of the poses to be measured; `folder`: their run, which knows the frames by number.
+    `frames_s`: (n,) stamps of the poses to be measured; `folder`: their run, which has the frames by number. Raises
+    InputError.
     """
     file = path if path.is_file() else path / "groundtruth.txt"
     recording = path.is_file() and (is_archive(path) or recognise(path) is not None)
@@ -67,7 +68,7 @@ def ground_truth(path: Path, frames_s: Floats, folder: Results | None, follow_li
     sequence = open_sequence(path, follow_links=follow_links)
     truth = read_ground_truth(sequence)
     if truth is None:
-        raise InputError(f"{path} comes without ground truth (no groundtruth.txt): give a trajectory file to --gt")
+        raise InputError(f"{path} has no ground truth (groundtruth.txt): give a trajectory file to --gt")
     return truth if truth.source else replace(truth, source=f"poses of the recording ({sequence.layout})")
 
 
@@ -80,7 +81,7 @@ def _numbered(path: Path, frames_s: Floats, folder: Results | None, follow_links
             frames = open_sequence(recording, follow_links=follow_links).frames
             numbered["frames of the recording"] = np.array([frame.timestamp_s for frame in frames])
         except MiniloopError:
-            pass  # moved, or a folder with nothing but a ground truth: the run's own table counts as well
+            pass  # moved, or a folder with only a ground truth: use the run's own table
     if folder and len(folder.frame_stamps_s):
         numbered["frames of frames.csv"] = folder.frame_stamps_s
     return numbered or {"poses of the result": frames_s}
@@ -92,7 +93,10 @@ def _recording_of(folder: Results | None) -> Path | None:
 
 
 def frame_stamps(folder: Results | None, truth: Path, follow_links: bool = False) -> Floats:
-    """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording."""
+    """(n,) time stamps of the recording's frames by number: from the result's frames.csv, else from the recording.
+
+    Raises InputError if neither is available.
+    """
     if folder and len(folder.frame_stamps_s):
         return folder.frame_stamps_s
     if truth.is_dir():

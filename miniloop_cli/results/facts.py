@@ -1,4 +1,4 @@
-"""What is known of a run, in sentences: edges, residuals, errors, and the frames without a pose."""
+"""Facts on a run, as sentences: edges, residuals, errors, and the frames without a pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SAID = (NoteKind.PRIOR, NoteKind.PROVEN, NoteKind.UNPROVEN, NoteKind.IMPOSSIBLE_
 
 
 def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
-    """Sentences on a run, and on its trajectory where a ground truth was given."""
+    """Sentences on a run, and on its trajectory if there is a ground truth."""
     edges = data.edges
     said = []
     if len(edges):
@@ -57,12 +57,12 @@ def pieces(data: RunColumns) -> list[int]:
 def left_out(data: RunColumns) -> list[tuple[str, Ints]]:
     """(reason, frame numbers) of the frames without a pose, the most frequent reason first.
 
-    Frames none of whose overlaps was verified belong together: what differs between them stands in frames.csv.
+    Frames without a verified edge have one common reason here; frames.csv has the details.
     """
     reasons: dict[str, list[int]] = {}
     for k in np.flatnonzero(~data.frames.registered).tolist():
         unverified = data.frames.status[k] == FrameStatus.NOT_VERIFIED
-        reason = "no overlap was verified" if unverified else data.frames.reason[k]
+        reason = "no edge was verified" if unverified else data.frames.reason[k]
         reasons.setdefault(reason or "the reason is not known", []).append(k)
     return sorted(((r, np.array(k)) for r, k in reasons.items()), key=lambda item: -len(item[1]))
 

@@ -21,8 +21,9 @@ Sums = Floats  # (n, 7): x y z r g b, number of points
 class VoxelCloud:
     """Running means of position and colour by voxel.
 
-    Memory is about 64 bytes times three a voxel at most. Where more than `max_voxels` are filled, the voxel size
-    doubles (`voxel_m` tells), so that a long recording gives a coarser cloud instead of none.
+    Memory is at most about three times 64 bytes a voxel. When more than `max_voxels` are filled, the voxel size
+    (`voxel_m`) doubles, so that a long recording gives a coarser cloud instead of none. Raises ValueError for sizes
+    that are not positive.
     """
 
     def __init__(self, voxel_m: float = 0.01, max_voxels: int = 5_000_000) -> None:
@@ -43,12 +44,12 @@ class VoxelCloud:
             return
         if np.abs(points).max() >= self.voxel_m * (HALF - 1):
             raise MiniloopError(
-                f"a point lies {np.abs(points).max():.0f} m from the origin, beyond the {self.voxel_m * HALF:.0f} m "
+                f"a point is {np.abs(points).max():.0f} m from the origin, beyond the {self.voxel_m * HALF:.0f} m "
                 f"that voxels of {self.voxel_m:g} m reach: choose larger voxels"
             )
         keys = pack(np.floor(points / self.voxel_m).astype(np.int64))
         self._parts.append(merge(keys, np.column_stack([points, colors, np.ones(len(points))])))
-        # Merging parts of like size keeps the total work at n log n, and what waits below the largest part.
+        # Merging parts of similar size keeps the total work at n log n, and pending parts smaller than the largest one.
         while len(self._parts) > 1 and len(self._parts[-1][0]) * 2 > len(self._parts[-2][0]):
             self._join_last()
         while len(self._parts[0][0]) > self.max_voxels:
@@ -89,7 +90,7 @@ def unpack(keys: Keys) -> Ints:
 
 
 def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
-    """Add up the rows of equal keys; keys come out sorted and unique."""
+    """Add up the rows (n, 7) of equal keys (n,); the resulting keys are sorted and unique."""
     unique, rows = np.unique(keys, return_inverse=True)
     columns = [np.bincount(rows, sums[:, c], len(unique)) for c in range(sums.shape[1])]
     return unique, np.stack(columns, axis=1)

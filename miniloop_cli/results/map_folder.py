@@ -1,8 +1,8 @@
-"""The folder of a map: data files named by their hashes, and one manifest that says which of them are the map.
+"""The folder of a map: data files named by their hashes, and one manifest that lists those of the map.
 
-Data files are never changed. A new state of the map is a new manifest, which replaces the old one in one step; until
-then the map is as it was, and afterwards files that no manifest names are removed. Whoever reads while another process
-writes gets the old state or the new one, and never a mixture: every file must have the hash that the manifest says.
+Data files are never changed. A new state of the map is a new manifest, which replaces the old one in one step; files
+that are no longer listed are removed afterwards. A process that reads while another one writes gets either the old
+state or the new one, never a mixture, as every file must have the hash in the manifest.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ FOLDER, MANIFEST = "map", "map.json"
 FORMAT, VERSION = "miniloop-map", 2
 MAX_MANIFEST_BYTES = 64 << 20
 OWN = re.compile(r"[0-9a-f]{32}\.npz")  # names of data files
-ATTEMPTS = 5  # to read a map that others are changing
-LEVEL = 1  # of compression: descriptors hardly shrink any more at higher ones
+ATTEMPTS = 5  # to read a map while it is changed
+LEVEL = 1  # of compression: descriptors hardly shrink at higher ones
 
 
 class MapError(MiniloopError):
-    """A folder holds no map, or one that is damaged or of an unknown version (says which)."""
+    """A folder has no map, or one that is damaged or of an unknown version; the message names which."""
 
 
 def has_map(result: Path) -> bool:
@@ -45,9 +45,9 @@ def has_map(result: Path) -> bool:
 
 
 def write_map(result: Path, scene_map: SceneMap, before: SceneMap | None = None) -> None:
-    """Make the map of a results folder this one. Interrupted before its end, it leaves the map as it was.
+    """Write the map of a results folder. If interrupted, the old map is unchanged.
 
-    `before`: what `read_map` gave for this folder; files of recordings that are the same object in both stay.
+    `before`: the result of `read_map` for this folder; files of recordings that are the same object in both are kept.
     """
     folder = result / FOLDER
     there = {id(part) for part in before.parts} if before else set()
@@ -75,26 +75,26 @@ def write_map(result: Path, scene_map: SceneMap, before: SceneMap | None = None)
     named = {joined["file"], *(entry["file"] for entry in recordings)}
     for path in folder.glob("*.npz"):
         if path.name not in named:
-            with suppress(OSError):  # a reader has it open, on Windows: it goes the next time
+            with suppress(OSError):  # on Windows, a reader has it open: the next call removes it
                 path.unlink()
 
 
 def remove_map(result: Path) -> None:
-    """Take the map out of a results folder: the manifest first. What no map wrote stays."""
+    """Remove the map of a results folder, the manifest first; other files are kept."""
     folder = result / FOLDER
     (folder / MANIFEST).unlink(missing_ok=True)
     for path in folder.glob("*.npz"):
         if OWN.fullmatch(path.name):
             with suppress(OSError):
                 path.unlink()
-    with suppress(OSError):  # not empty, or not there
+    with suppress(OSError):  # not empty, or missing
         folder.rmdir()
 
 
 def read_manifest(result: Path) -> dict[str, Any]:
-    """What the manifest of a results folder says, checked against its own hash.
+    """The content of the manifest of a results folder, checked by its hash.
 
-    Raises MapError where there is none, or one that is damaged or of another version.
+    Raises MapError if there is none, or if it is damaged or of another version.
     """
     path = result / FOLDER / MANIFEST
     try:
@@ -106,7 +106,7 @@ def read_manifest(result: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise MapError(f"{path} is damaged ({error}); register the recordings again") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise MapError(f"{path} is no manifest of a map; register the recordings again")
+        raise MapError(f"{path} is not the manifest of a map; register the recordings again")
     if content.get("version") != VERSION:
         raise MapError(
             f"{path} is of version {content.get('version')!r} of maps, and miniloop {__version__} reads version"
@@ -120,14 +120,14 @@ def read_manifest(result: Path) -> dict[str, Any]:
 def read_map(result: Path) -> SceneMap:
     """The map of a results folder, every file checked by its hash.
 
-    Raises MapError where there is none, or it is damaged or of another version.
+    Raises MapError if there is none, or if it is damaged or of another version.
     """
     content = read_manifest(result)
     for _ in range(ATTEMPTS):
         try:
             return _read(result / FOLDER, content)
         except MapError:
-            # Another process may have put a new state in place of the one that was begun with.
+            # Another process may have replaced the state while it was read.
             before, content = content, read_manifest(result)
             if content == before:
                 raise
@@ -135,7 +135,7 @@ def read_map(result: Path) -> SceneMap:
 
 
 def map_settings(result: Path, scene_map: SceneMap) -> Settings:
-    """The settings that a map was made with. Raises MapError where this miniloop does not know them."""
+    """The settings of a map. Raises MapError if this version of miniloop does not know them."""
     try:
         return Settings.model_validate(dict(scene_map.settings))
     except ValueError as error:
@@ -144,7 +144,7 @@ def map_settings(result: Path, scene_map: SceneMap) -> Settings:
 
 
 def manifest_hash(result: Path) -> str:
-    """The hash of the state that a map is in. Raises MapError as `read_manifest`."""
+    """The hash of the present state of a map. Raises MapError as `read_manifest`."""
     return _hash(read_manifest(result))
 
 
@@ -168,7 +168,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> SceneMap:
 
 
 def _write(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Keep arrays in a file named by its hash; what the manifest says of it."""
+    """Write arrays to a file named by its hash; returns its entry in the manifest."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as archive:
         for name, array in arrays.items():
@@ -185,7 +185,7 @@ def _write(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 def _load(path: Path, entry: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     if path.name != entry["file"]:
-        raise MapError(f"{path} would lie outside of the map; register the recordings again")
+        raise MapError(f"{path} is outside of the map's folder; register the recordings again")
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Whether a map of several recordings can be trusted: by the verdicts of its recordings, and by what joins them."""
+"""The verdict of a map of several recordings, from those of its recordings and the checks of their joints."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ WORST_LAST = tuple(Level)  # good, doubtful, bad
 def map_verdict(result: Path, scene_map: SceneMap, failed: Mapping[str, str]) -> dict[str, Any]:
     """{"level", "reasons"} of a map, as in the summary of a recording; `failed`: recordings left out, and why.
 
-    The level is that of the worst recording. It is doubtful at best where a recording was left out, where recordings
-    are not joined to each other, where an edge between two of them contradicts the poses, and where what both show,
-    another place of a recording, or a bend of it speaks against how they were joined (stages/joints.py).
+    The level is that of the worst recording. It is doubtful at best if a recording is left out, if recordings are not
+    joined, if an edge between two of them contradicts the poses, or if the checks of joints raise a doubt
+    (stages/joints.py).
     """
     joined, levels, reasons = scene_map.joined, [Level.GOOD], list[str]()
     for part in scene_map.parts:
@@ -30,7 +30,7 @@ def map_verdict(result: Path, scene_map: SceneMap, failed: Mapping[str, str]) ->
         reasons += [f"{part.name}: {reason}" for reason in verdict.get("reasons", [])]
     doubts = [f"{name} could not be registered and is left out: {why}" for name, why in failed.items()]
     if (pieces := int(joined.piece.max(initial=-1)) + 1) > 1:
-        doubts.append(f"the recordings are {pieces} pieces that nothing joins to each other")
+        doubts.append(f"the recordings form {pieces} pieces, and no edges join the pieces")
     angle_deg, distance_m = residuals(joined.edges, joined.T_world_cam)
     if off := int(((angle_deg > CONTRADICTING_DEG) | (distance_m > CONTRADICTING_M)).sum()):
         doubts.append(f"{off} of {len(joined.edges)} edges between recordings contradict the poses")

@@ -18,7 +18,7 @@ PATHS = ("loop", "xyz", "rotation", "still", "random-walk")
 ALIKE = ("nothing", "half-turn", "rooms", "furniture")
 HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "unsorted", "broken", "missing")
 MIN_FRAMES_A_STRETCH = 10
-TURN_AXIS = np.array([2.0, 3.0, -1.0]) / np.sqrt(14.0)  # of a depth camera that is turned against colour
+TURN_AXIS = np.array([2.0, 3.0, -1.0]) / np.sqrt(14.0)  # rotation axis of a depth camera against colour
 
 
 @dataclass(frozen=True)
@@ -27,33 +27,32 @@ class SimulationSettings:
 
     Scenes: `room` (furnished, textured), `two-rooms` (half of the frames in each, no overlap), `plane` (one wall
     fills the view), `textureless` (the room without any texture), `repeated` (the same tile on everything),
-    `turntable` (a box on a board that turns before a camera at rest: poses are those in the board's world, in which the
-    room turns; path `loop` only).
-    Paths: `loop` (a little over one turn, ending where it began), `xyz` (translations before one wall, every pair
-    overlaps), `rotation` (no translation), `still`, `random-walk` (smooth and different for every seed).
+    `turntable` (a box on a board that turns in front of a static camera; poses are in the frame of the board, in which
+    the room turns; path `loop` only).
+    Paths: `loop` (a little over one turn, with the same start and end), `xyz` (translations in front of one wall, every
+    pair overlaps), `rotation` (no translation), `still`, `random-walk` (smooth and different for every seed).
 
     `alike` places: with `half-turn` a room, or a board and its box, look the same when they are turned by 180 degrees
     about the vertical; with `rooms` all rooms have the same walls and furniture; with `furniture` the room has the
-    same furniture in the same places as that of any other seed, within walls of its own.
+    same furniture in the same places for every seed, but other walls.
 
-    At each of so many `cuts`, evenly spread, a part of the path is left out while the stamps go on as if it were not.
+    At each of the evenly spread `cuts`, a part of the path is left out without a gap in the stamps.
 
-    Several `rooms` are joined by doors; `loop` then leads through all of them and ends in the first. Any number of
-    frames covers the whole walk: so many at such a `rate_hz` as take about as long as `simulation.tour.duration_s`
-    make a person's pace.
+    Several `rooms` are joined by doors; `loop` then visits all of them and ends in the first. Any number of frames
+    covers the whole walk; it has a person's pace if frames / `rate_hz` is about `simulation.tour.duration_s`.
 
     Stretches of `hard`, in this order, each in the middle of its share of the recording (a name may be repeated):
 
-    - `blank`: at one end of a room nothing has any texture, only shape; as often as the camera looks there.
-    - `dark`: the light falls until the image is black, and comes back; noise rises meanwhile; depth stays.
+    - `blank`: one end of a room has no texture; the stretch is whenever the camera looks there.
+    - `dark`: the light decreases until the image is black, and returns; the noise increases; depth is unchanged.
     - `blur`: the hand shakes, with the exposure nearly as long as the time between two frames.
-    - `covered`: the lens is: black, and no depth.
+    - `covered`: the lens is covered: black images, and no depth.
     - `doubled`: every other frame is a copy of the one before it.
-    - `frozen`: the same frame again and again.
-    - `swapped`: every other frame has changed places with the next: the stamps are those of the neighbour.
-    - `unsorted`: the tables name the frames backwards; their stamps are right.
-    - `broken`: the files of colour images are cut off in the middle.
-    - `missing`: nothing is recorded.
+    - `frozen`: the same frame is repeated.
+    - `swapped`: every other frame is exchanged with the next one; the stamps are not.
+    - `unsorted`: the tables list the frames backwards, with right stamps.
+    - `broken`: the files of colour images are truncated.
+    - `missing`: no frames are recorded.
     """
 
     frames: int = 30
@@ -63,14 +62,14 @@ class SimulationSettings:
     path: str = "loop"
     noise: bool = True  # depth noise, disparity steps, holes, colour noise
     noise_level: float = 1.0  # times the noise of a Kinect, in depth and in colour
-    moving_object: bool = False  # a figure that walks before the camera, over about a third of the image
+    moving_object: bool = False  # a figure that walks in front of the camera, about a third of the image
     masks: bool = False  # also write mask/: the pixels of the moving object
     depth_limit_m: float = 5.0  # no readings beyond
     exposure: float = 1.0  # gain of the image; 3 saturates most of it
     blur_s: float = 0.0  # exposure time: motion during it blurs the colour image
     rolling_shutter_s: float = 0.0  # time between the first and the last row of an image
     rate_hz: float = 10.0
-    path_share: float = 1.0  # only the first part of the path is walked, as slowly as that takes
+    path_share: float = 1.0  # only the first part of the path is walked, more slowly
     focal_px: float | None = None  # None: 525 px at a width of 640
     accelerometer: bool = False  # also write accelerometer.txt, at 100 Hz, with noise and bias
     rooms: int = 1
@@ -78,7 +77,7 @@ class SimulationSettings:
     cuts: int = 0
     hard: tuple[str, ...] = ()
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
-    depth_baseline_m: float = 0.0  # from the colour camera to a depth camera of its own, to the left
+    depth_baseline_m: float = 0.0  # from the colour camera to a separate depth camera, to the left
     depth_turn_deg: float = 0.0  # of that camera against the colour camera
     depth_focal_px: float | None = None  # of that camera; None: as the colour camera
 
@@ -87,7 +86,7 @@ class SimulationSettings:
         for key, value, known in (*given, *(("hard stretch", each, HARD) for each in self.hard)):
             if value not in known:
                 near = difflib.get_close_matches(value, known, n=1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+                hint = f"did you mean '{near[0]}'?" if near else f"choose one of {', '.join(known)}"
                 raise ConfigError(f"unknown {key} '{value}'; {hint}")
         for key, low, high in (
             ("frames", 1, 100_000),
@@ -108,7 +107,7 @@ class SimulationSettings:
             if not low <= getattr(self, key) <= high:
                 raise ConfigError(f"{key} must be from {low:g} to {high:g}, not {getattr(self, key)}")
         if self.scene == "turntable" and (self.path != "loop" or self.moving_object):
-            raise ConfigError("scene 'turntable' needs path 'loop', and nothing else may move")
+            raise ConfigError("scene 'turntable' needs path 'loop' and no walking figure")
         if self.alike == "half-turn" and (self.rooms > 1 or self.scene not in ("room", "turntable")):
             raise ConfigError("alike 'half-turn' needs one room or a turntable")
         if self.alike == "furniture" and (self.rooms > 1 or self.scene != "room"):
@@ -118,7 +117,7 @@ class SimulationSettings:
         if self.rooms > 1 and (self.path != "loop" or self.scene in ("two-rooms", "plane", "turntable")):
             raise ConfigError("several rooms need path 'loop' and scene 'room', 'textureless' or 'repeated'")
         if "blank" in self.hard and self.scene in ("two-rooms", "plane", "turntable"):
-            raise ConfigError(f"hard stretch 'blank' needs a room; scene '{self.scene}' has no place for it")
+            raise ConfigError(f"hard stretch 'blank' needs a room; scene '{self.scene}' has none")
         if len(self.hard) > self.frames / MIN_FRAMES_A_STRETCH:
             least = MIN_FRAMES_A_STRETCH * len(self.hard)
             raise ConfigError(f"{len(self.hard)} hard stretches need at least {least} frames, not {self.frames}")
@@ -138,7 +137,7 @@ class SimulationSettings:
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The camera of depth; None where depth is on the pixels of the colour camera."""
+        """The separate depth camera; None if depth has the pixels of the colour camera."""
         if not (self.depth_baseline_m or self.depth_turn_deg or self.depth_focal_px):
             return None
         f = self.depth_focal_px or self.camera.fx

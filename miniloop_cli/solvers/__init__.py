@@ -1,10 +1,10 @@
-"""The minimal solvers, by name: of a pair, of cycles of 3 to 7 scans, and of 2 to 4 scans whose vertical is known.
+"""The minimal solvers, by name: for a pair, for cycles of 3 to 7 scans, and for 2 to 4 scans with a known vertical.
 
     from miniloop_cli.solvers import load
 
     poses = load("cycle4")(p, q)
 
-`SOLVERS` is their one table. A solver's module is imported, and so compiled, when the solver is first asked for.
+`SOLVERS` lists them. A solver's module is imported, and so compiled, when the solver is first loaded.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["SOLVERS", "Listed", "load", "solver_name"]
 
 
 class Listed(NamedTuple):
-    """What a solver is for, and the module that holds it under the solver's name.
+    """What a solver is for, and the module that defines it under the solver's name.
 
     `scans`: how many it registers; `upright`: the axis z of all of them is vertical.
     """
@@ -47,7 +47,7 @@ SOLVERS = {
 def load(name: str) -> MinimalSolver:
     """The solver of this name. Raises MiniloopError if there is none."""
     if name not in SOLVERS:
-        raise MiniloopError(f"there is no solver {name!r}; there are {', '.join(SOLVERS)}")
+        raise MiniloopError(f"there is no solver {name!r}; choose one of {', '.join(SOLVERS)}")
     solver: MinimalSolver = getattr(import_module(SOLVERS[name].module), name)
     return solver
 

@@ -15,7 +15,7 @@ from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Repeat, TrackedPart, TrackStatus
 from miniloop_cli.typing import Bytes
 
-LEAST_CONTRAST = 2.0  # standard deviation of the gray values: with less, nothing is seen
+LEAST_CONTRAST = 2.0  # standard deviation of the gray values; below, an image is blank
 
 
 class TrackFrame(NamedTuple):
@@ -29,7 +29,7 @@ class TrackFrame(NamedTuple):
 
 
 def readable_frames(sequence: Sequence, numbers: range, part: TrackedPart) -> Iterator[TrackFrame]:
-    """The frames that show something, in this order; the part is told of the others."""
+    """The frames that are not blank, in this order; the others are recorded in the part."""
     for number in numbers:
         try:
             scan = read_scan(sequence, number)
@@ -41,13 +41,14 @@ def readable_frames(sequence: Sequence, numbers: range, part: TrackedPart) -> It
         has_depth = bool((scan.depth_m > 0).any())
         frame = TrackFrame(number, scan, _gray(scan), sequence.frames[number].timestamp_s, has_depth)
         if float(frame.gray.std()) < LEAST_CONTRAST:
-            part.set(number, TrackStatus.BLANK, f"the image shows nothing (mean {frame.gray.mean():.0f} of 255)")
+            said = f"the image has no contrast (mean grey level {frame.gray.mean():.0f} of 255)"
+            part.set(number, TrackStatus.BLANK, said)
             continue
         yield frame
 
 
 def told_apart(frames: Iterator[TrackFrame], part: TrackedPart) -> Iterator[TrackFrame]:
-    """The frames; those whose images repeat the ones before are noted, and such depth is taken away."""
+    """The frames; repeated images are recorded in the part, and repeated depth is removed."""
     before: TrackFrame | None = None
     for frame in frames:
         kept = frame
@@ -62,7 +63,7 @@ def told_apart(frames: Iterator[TrackFrame], part: TrackedPart) -> Iterator[Trac
 
 
 def shows_something(sequence: Sequence, number: int) -> bool:
-    """Whether a frame can be read, is not blank, and has depth: others cannot tie what comes before to what follows."""
+    """Whether a frame can be read, is not blank, and has depth; others cannot be keyframes."""
     try:
         scan = read_scan(sequence, number)
     except InputError:

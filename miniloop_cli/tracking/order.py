@@ -9,28 +9,28 @@ from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.typing import Floats, Ints
 
-SHORTER = 0.8  # of the way through four frames is that with the middle two exchanged; 0.6 on an even path
+SHORTER = 0.8  # of the path through four frames, after exchanging the middle two; 0.6 on an even path
 LEAST_STEP = 0.004  # rad, or m: smaller ones may be noise
-MANY = 0.05  # of all frames: with more, the stamps of the recording do not hold
+MANY = 0.05  # of all frames: with more, the stamps of the recording are not reliable
 
 
 def notes_on_order(tracked: Tracked) -> list[Note]:
-    """What is said of neighbouring frames that lie the other way round."""
+    """Notes on neighbouring frames that are in the wrong order on the path."""
     first = exchanged(followed_path(tracked))
     if not len(first):
         return []
     share = 2 * len(first) / len(tracked)
     text = (
-        f"{len(first)} times two neighbouring frames lie the other way round on the path (the first: {first[0]} and "
+        f"{len(first)} pairs of neighbouring frames are in the wrong order on the path (the first: {first[0]} and "
         f"{first[0] + 1}): their images or their time stamps are exchanged"
     )
     return [Note(NoteKind.CONTRADICTED if share > MANY else NoteKind.ASSUMED, text)]
 
 
 def followed_path(tracked: Tracked) -> Floats:
-    """T_world_cam (n, 4, 4) chained from keyframe to keyframe; NaN where nothing ties a frame to one before it.
+    """T_world_cam (n, 4, 4) chained from keyframe to keyframe; NaN for frames not linked to an earlier one.
 
-    After such a frame the path begins anew, at the identity.
+    After such a frame the path starts again at the identity.
     """
     T = np.full((len(tracked), 4, 4), np.nan)
     for k, key in enumerate(tracked.key.tolist()):
@@ -42,7 +42,7 @@ def followed_path(tracked: Tracked) -> Floats:
 
 
 def exchanged(T_world_cam: Floats) -> Ints:
-    """Frames k for which the way through k - 1, k, k + 1, k + 2 is much shorter with k and k + 1 exchanged.
+    """Frames k for which the path through k - 1, k, k + 1, k + 2 is much shorter with k and k + 1 exchanged.
 
     T_world_cam (n, 4, 4), rows in the order of time; NaN where there is no pose.
     """

@@ -1,8 +1,8 @@
-"""How edges agree with a known vertical, and a second estimate of edges that are too weak.
+"""Agreement of edges with a known vertical, and a second estimate of weak edges.
 
-With the vertical known, a pair has four degrees of freedom instead of six and one match of a cycle's edge does what
-two did (solvers/planar*.py): fewer matches suffice to find a pose. An accelerometer is a degree or so off, more while
-the hand shakes, so it only finds the pose: the pose itself is then fitted to the matches alone, freely.
+With a known vertical, a pair has four degrees of freedom instead of six, and an edge of a cycle needs one match instead
+of two (solvers/planar*.py). Fewer matches suffice to find a pose. An accelerometer has an error of about a degree, more
+while the hand shakes, so it only guides the search; the pose is then fitted to the matches alone.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from miniloop_cli.scene.priors import Accelerometer, Vertical
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Floats
 
-SURE_INLIERS = 20  # an edge with as many, found freely, is a witness of how the scans are turned
+SURE_INLIERS = 20  # an edge with so many, solved without gravity, is used to check the accelerometer
 MIN_SURE_EDGES = 3
 LONGEST = 4  # scans in a cycle of the known-vertical solvers
 MIN_SIGMA_DEG = 1.0  # no accelerometer is better
-REJECT_FACTOR = 4.0  # times the disagreement of sure edges: this is no chance
-MAX_AXES_RATIO = 0.5  # other axes than the camera's are taken where they leave so small a part of the disagreement
-RIVAL_COSINE = 0.5  # axes under which up points so far elsewhere would lay the model on its side
+REJECT_FACTOR = 4.0  # times the disagreement of sure edges: more does not happen by chance
+MAX_AXES_RATIO = 0.5  # other axes than the camera's are used if they reduce the disagreement to this share
+RIVAL_COSINE = 0.5  # axes whose up directions differ by more would lay the model on its side
 
 
 def disagreement_deg(edges: EdgeTable, up_cam: Floats) -> Floats:
-    """(m,) angle between the vertical of scan j and that of scan i turned by the edge; NaN where one is not known.
+    """(m,) angle (deg) between the vertical of scan j and that of scan i rotated by the edge; NaN if one is unknown.
 
     up_cam (n, 3) unit vectors, NaN where there is none.
     """
@@ -45,16 +45,16 @@ def disagreement_deg(edges: EdgeTable, up_cam: Floats) -> Floats:
 
 
 def checked(edges: EdgeTable, accelerometer: Accelerometer, settings: Gravity) -> tuple[Vertical | None, str]:
-    """The readings in the camera's axes, and what is to be said of them; None where too few edges can tell.
+    """The readings in the camera's axes, or None if too few edges can check them; and a note.
 
-    Sensors have axes of their own. The camera's are taken where they agree, else those of the 24 ways to put one
-    right-handed system of axes on another that agree best with the edges that were found freely. Raises InputError
-    where none agrees within `max_median_deg`, at the median.
+    Sensors have their own axes. The camera's axes are used if they agree with the edges that were solved without
+    gravity; else those of the 24 rotations between right-handed axes that agree best. Raises InputError if none agrees
+    within a median of `max_median_deg`.
     """
     known = np.all(np.isfinite(accelerometer.up), axis=1)
     sure = edges.subset(edges.verified & (edges.inlier_count >= SURE_INLIERS) & known[edges.i] & known[edges.j])
     if len(sure) < MIN_SURE_EDGES:
-        return None, f"gravity is not used: {len(sure)} sure edges are too few to check it by"
+        return None, f"gravity is not used: {len(sure)} sure edges are too few to check it"
     axes = _axes()
     medians = [float(np.median(disagreement_deg(sure, accelerometer.up @ M.T))) for M in axes]
     best = int(np.argmin(medians))
@@ -62,9 +62,9 @@ def checked(edges: EdgeTable, accelerometer: Accelerometer, settings: Gravity) -
         best = 0
     if medians[best] > settings.max_median_deg:
         raise InputError(
-            f"{accelerometer.source}: disagrees with {len(sure)} sure edges by {medians[best]:.1f} deg (median), "
-            f"whatever the sensor's axes (best: {_named(axes[best])}); is it of this recording, on the same clock? "
-            "Leave --gravity out, or widen gravity.max_median_deg"
+            f"{accelerometer.source}: disagrees with {len(sure)} sure edges by {medians[best]:.1f} deg (median) for "
+            f"every choice of the sensor's axes (best: {_named(axes[best])}); is it of this recording, on the same "
+            "clock? Leave --gravity out, or raise gravity.max_median_deg"
         )
     found = Vertical(accelerometer.turned(axes[best]), max(medians[best], MIN_SIGMA_DEG), axes[best])
     note = (
@@ -76,7 +76,7 @@ def checked(edges: EdgeTable, accelerometer: Accelerometer, settings: Gravity) -
 
 
 def _rivals(axes: Sequence[Floats], medians: Sequence[float], best: int, up: Floats, most_deg: float) -> str:
-    """What to add where other axes, under which up is elsewhere, agree nearly as well, and within most_deg."""
+    """The addition to the note if other axes, with another up direction, agree nearly as well and within most_deg."""
     apart = [np.median((up @ axes[best].T * (up @ M.T)).sum(axis=1)) < RIVAL_COSINE for M in axes]
     limit = min(max(medians[best], MIN_SIGMA_DEG) / MAX_AXES_RATIO, most_deg)
     rivals = [k for k in range(len(axes)) if apart[k] and medians[k] < limit]
@@ -96,10 +96,10 @@ def with_gravity(
     seed: int,
     workers: Workers,
 ) -> EdgeTable:
-    """The edges, those not verified tried again with the vertical known, and all judged by it.
+    """The edges after solving unverified ones again with the known vertical, and judging all by it.
 
-    Those that contradict it are rejected; weak ones that agree with it are verified, and with `min_bridge_inliers`
-    inliers they need no loop of edges that confirms them.
+    Edges that contradict it are rejected. Weak edges that agree with it are verified; with `min_bridge_inliers` inliers
+    they need no loop of edges to confirm them.
     """
     known = np.all(np.isfinite(vertical.up_cam), axis=1)
     weak = edges.subset(~edges.verified & known[edges.i] & known[edges.j])
@@ -157,7 +157,7 @@ def _solve(
 
 
 def _axes() -> list[Floats]:
-    """The 24 turns that map axes to axes, the identity first."""
+    """The 24 rotations that map axes to axes, the identity first."""
     found = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         M = np.zeros((3, 3))
@@ -168,7 +168,7 @@ def _axes() -> list[Floats]:
 
 
 def _named(M: Floats) -> str:
-    """A turn of axes as "x y z": what the sensor calls the camera's x (right), y (down), z (forward)."""
+    """A rotation of axes as "x y z": the sensor's names of the camera's x (right), y (down), z (forward)."""
     names = []
     for row in M:
         k = int(np.abs(row).argmax())

@@ -1,8 +1,8 @@
-"""Impossible motion: steps of the path that are out of proportion to the steps around them.
+"""Impossible motion: steps of the path that are much larger than the steps around them.
 
-Scans of a recording follow each other in time, and hands do not jump. Where a path does, places that look alike were
-taken for each other, or the recording was cut. The step is checked again with what both scans and their neighbours
-show: it stays undoubted only if they overlap after it and look alike there, and nothing says that the step was small.
+Scans of a recording follow each other in time, and hands do not jump. A jump in the path means that places that look
+alike were confused, or that the recording was cut. The step is checked again with both scans and their neighbours. It
+is accepted only if they overlap after it and look the same there, and if no hypothesis gives a small step.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from miniloop_cli.typing import Bools, Floats, Ints
 from miniloop_cli.verification.photometric_check import PhotometricCheck, agreement_ratio
 
 AROUND = 6  # steps on either side that a step is compared with
-MIN_AROUND = 4  # that must be there
-USUAL = 0.75  # quantile of their speeds: half of a fast stretch does not make a jump of the rest
+MIN_AROUND = 4  # needed to judge a step
+USUAL = 0.75  # quantile of their speeds: a step is no jump if half of the steps around it are fast
 OUT_OF_PROPORTION = 5.0  # times the usual speed
 NEVER_DEG, NEVER_DEPTHS = 20.0, 0.3  # steps below are never doubted: degrees, and the distance as a share of the depth
-GAP = 3.0  # times the usual time between frames: what happened in between nobody knows
-MIN_CELLS, MIN_AGREEING = 60, 0.7  # cells of small pictures that speak of a step, and the share of them that must agree
+GAP = 3.0  # times the usual time between frames: longer gaps allow any motion
+MIN_CELLS, MIN_AGREEING = 60, 0.7  # compared cells of a step, and the share of them that must agree
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step from scan a to scan b that is doubted: its size, the usual one in this time, and what speaks against it.
+    """A doubted step from scan a to scan b: its size, the usual size in this time, and the reason of the doubt.
 
-    `contested`: pictures or matches agree with a step in proportion; else nothing that both scans see confirms it.
+    `contested`: views or matches agree with a step of usual size; else no common view confirms the step.
     """
 
     a: int
@@ -47,14 +47,14 @@ class Step:
     def sentence(self, frames: Ints) -> str:
         """The doubt in words; `frames` (n,): the frame number of each scan."""
         why = (
-            "their images agree with a step like those around, too"
+            "their images also agree with a step of the usual size"
             if self.contested
-            else "nothing that both of them see confirms it"
+            else "no matches between them confirm it"
         )
         return (
             f"between frames {frames[self.a]} and {frames[self.b]} the path turns by {self.angle_deg:.0f} deg and "
-            f"moves by {self.distance_m:.2f} m, where the steps around come to {self.usual_deg:.1f} deg and "
-            f"{self.usual_m:.2f} m in this time; {why}"
+            f"moves by {self.distance_m:.2f} m; {self.usual_deg:.1f} deg and {self.usual_m:.2f} m are usual there in "
+            f"this time; {why}"
         )
 
 
@@ -70,8 +70,8 @@ def impossible_steps(
 ) -> list[Step]:
     """The doubted steps between successive ones of `scans`, ascending in time.
 
-    T_world_cam (n, 4, 4) and stamps_s (n,) of all scans; `gaps` (n,): no frame was recorded for long before this scan;
-    `depth_m`: a usual depth. `edges`: tables of hypotheses about pairs of scans, believed or not.
+    T_world_cam (n, 4, 4) and stamps_s (n,) of all scans; `gaps` (n,): a gap in time precedes this scan; `depth_m`: a
+    usual depth. `edges`: tables of hypotheses about pairs of scans, accepted or not.
     """
     angle_deg, distance_m, time_s = step_sizes(T_world_cam, scans, stamps_s)
     judged = ~np.array([gaps[a + 1 : b + 1].any() for a, b in pairwise(scans)], bool)
@@ -116,7 +116,7 @@ def gaps_before(stamps_s: Floats) -> Bools:
 
 
 def _seen(pairs: Sequence[tuple[int, int]], T_world_cam: Floats, photometric: PhotometricCheck | None) -> bool:
-    """Whether the pictures of these pairs overlap by their poses, and look alike there."""
+    """Whether the views of these pairs overlap by their poses, and look the same there."""
     if photometric is None:
         return True
     which = np.array(pairs, np.int64)

@@ -1,7 +1,7 @@
-"""Rough poses, as a phone's tracking or wheels give them: which pairs are worth comparing, and which edges cannot be.
+"""Rough poses, as from a phone's tracking or wheel odometry: which pairs to compare, and which edges to reject.
 
-Only relative poses are used, so that it does not matter in which world they are given. They are never copied into
-the result: a frame that the images do not register stays unregistered.
+Only relative poses are used, so their world frame is arbitrary. They are never copied into the result: a frame that the
+images do not register stays unregistered.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.verdict import Rejection
 from miniloop_cli.typing import Bools, Floats, Pair
 
-NEIGHBOURS = 3  # frames after each frame that are compared whatever the poses say
+NEIGHBOURS = 3  # frames after each frame that are always compared
 MIN_SHARE = 0.1  # of the points of a scan that must be in view of another
 SURE_INLIERS, MIN_SURE, MIN_AGREEING = 20, 5, 0.5
 
@@ -30,7 +30,7 @@ SURE_INLIERS, MIN_SURE, MIN_AGREEING = 20, 5, 0.5
 def pairs_by_pose_prior(
     T_world_cam: Floats, points: Sequence[ScanPoints], camera: Camera, settings: PosePrior
 ) -> list[Pair]:
-    """Pairs (i, j), i < j, that may overlap if the poses (n, 4, 4) are off by no more than the tolerance; sorted.
+    """Pairs (i, j), i < j, that may overlap if the errors of the poses (n, 4, 4) are within the tolerance; sorted.
 
     Frames without a pose (NaN) are compared with all.
     """
@@ -47,7 +47,7 @@ def pairs_by_pose_prior(
 
 
 def _widened(camera: Camera, slack_rad: float) -> Camera:
-    """A camera that sees as much more on every side."""
+    """A camera with a view that is larger by `slack_rad` on every side."""
     margin = round(camera.fx * float(np.tan(min(slack_rad, 1.2))))
     return replace(
         camera,
@@ -82,7 +82,7 @@ def _off(edges: EdgeTable, T_world_cam: Floats) -> Floats:
 
 
 def _require_agreement(edges: EdgeTable, T_world_cam: Floats, settings: PosePrior) -> None:
-    """Edges that are sure and move so much that wrong poses would show."""
+    """Raise InputError if sure edges, with enough motion to show wrong poses, contradict the prior."""
     sure = edges.subset(edges.verified & (edges.inlier_count >= SURE_INLIERS) & _tells(edges))
     share = _agreeing(sure, T_world_cam, settings)
     if len(sure) < MIN_SURE or not share < MIN_AGREEING:
@@ -96,16 +96,16 @@ def _require_agreement(edges: EdgeTable, T_world_cam: Floats, settings: PosePrio
             T[:, :3, 3] /= per_m
             others[convention.words + unit] = T
     best = max(others, key=lambda name: _agreeing(sure, others[name], settings))
-    hint = f"they would agree as {best}; " if _agreeing(sure, others[best], settings) > MIN_AGREEING else ""
+    hint = f"read as {best}, it agrees; " if _agreeing(sure, others[best], settings) > MIN_AGREEING else ""
     raise InputError(
         f"the pose prior contradicts {100 * (1 - share):.0f} % of {len(sure)} sure edges by more than "
-        f"{settings.max_deg:g} deg or {settings.max_m:g} m; {hint}expected are metres, camera to world, camera axes "
-        "x right, y down, z forward (or widen pose_prior.max_deg, pose_prior.max_m)"
+        f"{settings.max_deg:g} deg or {settings.max_m:g} m; {hint}give metres, camera to world, camera axes "
+        "x right, y down, z forward, or raise pose_prior.max_deg and pose_prior.max_m"
     )
 
 
 def _tells(edges: EdgeTable) -> Bools:
-    """(m,) whether an edge moves so much that a wrong prior shows."""
+    """(m,) whether an edge moves enough to show a wrong prior."""
     return (se3.rotation_angle_deg(edges.T_j_i[:, :3, :3]) > 10) | (np.linalg.norm(edges.T_j_i[:, :3, 3], axis=1) > 0.3)
 
 

@@ -1,11 +1,11 @@
-"""Whether a part of the scans could lie elsewhere with nearly as much support.
+"""Whether a part of the scans could have another pose with nearly as much support.
 
-Edges that contradict the poses each propose to move one of their scans, and what hangs on it, by a rigid motion. Those
-that propose the same motion are one alternative. A part of the scans is worth moving if the support that this wins
-comes near to what it loses: the edges that are cut. With the Laplacians L of the edges that agree with the poses and
-L' of the alternative's, both weighted by inliers, the ratio of both is x'L'x / x'Lx for the indicator x of the part.
-No part reaches more than the largest ratio of any x, a generalised eigenvalue, and its vector x tells the part: by the
-best cut along it. It is the same however many scans hang on both sides.
+Each edge that contradicts the poses proposes a rigid motion of one of its scans and of the scans joined to it. Edges
+that propose the same motion form one alternative. Moving a part of the scans gains the edges of the alternative and
+loses the edges that are cut. With the Laplacians L of the edges that agree with the poses and L' of the alternative's,
+both weighted by inliers, the ratio of gain to loss is x'L'x / x'Lx for the indicator x of the part. The largest ratio
+of any x, a generalised eigenvalue, bounds that of every part, and the best cut along its vector x gives the part. This
+does not depend on the number of scans on both sides.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from scipy.sparse import coo_array
 
 Weighted = tuple[Ints, Ints, Floats]  # edges (i, j, weight)
-MOST_PROPOSALS = 400  # the strongest
-LOOSE = 1e-9  # of an edge's weight, at each scan: scans that no edge joins may move freely
+MOST_PROPOSALS = 400  # the strongest ones
+LOOSE = 1e-9  # of an edge's weight, at each scan, so that L is regular
 MOST_ALTERNATIVES = 5
-ALIKE = 3.0  # times the largest residual of an edge: motions that propose the same
+ALIKE = 3.0  # times the largest residual of an edge: more similar motions are the same
 
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """A part of the scans (ascending) that another rigid motion suits nearly as well.
+    """A part of the scans (ascending) that fits at another place nearly as well.
 
-    `angle_deg`, `distance_m`: how far it would move (median). `pairs`, `inliers`: what supports that; `pairs_here`,
-    `inliers_here`: what joins the part to the others where it is.
+    `angle_deg`, `distance_m`: how far it would move (median). `pairs`, `inliers`: support of that place; `pairs_here`,
+    `inliers_here`: support of the present one.
     """
 
     scans: Ints
@@ -55,18 +55,18 @@ class Elsewhere:
         )
         return (
             f"{many} elsewhere nearly as well, {self.angle_deg:.0f} deg and {self.distance_m:.2f} m away: "
-            f"{self.inliers} matches of {self.pairs} pairs agree with that, {self.inliers_here} of {self.pairs_here} "
-            "join them to the others where they are"
+            f"{self.inliers} matches of {self.pairs} pairs agree with that place, {self.inliers_here} of "
+            f"{self.pairs_here} with the present one"
         )
 
 
 def placements_elsewhere(
     T_world_cam: Floats, scans: Ints, here: EdgeTable, others: EdgeTable, settings: Averaging, least: int
 ) -> list[Elsewhere]:
-    """Parts of the `scans` of a component that could stand elsewhere; poses (n, 4, 4) of all scans.
+    """Parts of the `scans` of a component that fit at another place; poses (n, 4, 4) of all scans.
 
-    `here`: edges that agree with the poses, `others`: that contradict them, all between the `scans`; `least`: inliers
-    that an alternative needs.
+    `here`: edges that agree with the poses; `others`: those that contradict them; all between the `scans`. `least`: the
+    smallest number of inliers of an alternative.
     """
     if not len(others):
         return []
@@ -91,7 +91,7 @@ def placements_elsewhere(
 
 
 def _alike(a: Floats, b: Floats, T_i: Floats, settings: Averaging) -> Bools:
-    """(k, k) whether motion a[e] takes scan T_i[e] to where b[f] takes it."""
+    """(k, k) whether the motions a[e] and b[f] move scan T_i[e] to the same pose."""
     E = se3.inverse(a @ T_i)[:, None] @ (b[None] @ T_i[:, None])
     near = se3.rotation_angle_deg(E[..., :3, :3]) < ALIKE * settings.max_residual_deg
     return near & (np.linalg.norm(E[..., :3, 3], axis=-1) < ALIKE * settings.max_residual_m)
@@ -100,7 +100,7 @@ def _alike(a: Floats, b: Floats, T_i: Floats, settings: Averaging) -> Bools:
 def _worst_cut(
     scans: Ints, here: EdgeTable, others: EdgeTable, weight: Floats, forward: Bools, back: Bools, least: int
 ) -> Ints | None:
-    """The part of the scans that the alternative could move with most support beyond NEARLY what it cuts; else None.
+    """The part of the scans with the largest gain beyond NEARLY times its loss; None if there is none.
 
     `forward`: proposals (k,) by which their scan i moves, `back`: by which their scan j does.
     """
@@ -119,7 +119,7 @@ def _worst_cut(
 def _best_cut(
     along: Floats, lost: Weighted, won: Weighted, forward: Bools, back: Bools, least: int
 ) -> tuple[float, Ints]:
-    """What the best part wins (may be negative), and the part: one end of the scans as sorted by `along` (n,).
+    """Gain of the best part (may be negative), and the part: one end of the scans as sorted by `along` (n,).
 
     Of both ends, the smaller one.
     """
@@ -141,8 +141,8 @@ def _best_cut(
 def _large_ratios(n: int, cut: Weighted, won: Weighted) -> Floats:
     """Vectors x (n, k) that span those whose x'L'x / x'Lx is 1 at least; L: Laplacian of `cut`, L' = B B': of `won`.
 
-    L' has few edges: the ratios are the eigenvalues of the small matrix B' L^-1 B. Among vectors of like ratio, those
-    come first that win most for their length, so that two joints of one part are found as one.
+    L' has few edges: the ratios are the eigenvalues of the small matrix B' L^-1 B. Vectors of equal ratio are sorted by
+    gain for their length, so that two joints of one part are found together.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import splu

@@ -32,4 +32,4 @@ def test_a_lone_edge_of_few_inliers_falls_and_one_in_a_loop_stands():
     judged = reject_unsupported_bridges(EdgeTable.of(edges), 5, 20)
     assert judged.open.tolist() == [True, True, True, False, True]
     assert judged.rejection[3] == Rejection.UNSUPPORTED_BRIDGE
-    assert judged.reasons()[3] == "12 inliers, and no loop confirms it"
+    assert judged.reasons()[3] == "only 12 inliers, and no loop of edges confirms it"

@@ -186,7 +186,7 @@ def test_what_is_no_graph_is_said_so(pairs, weights, said):
 
 @pytest.mark.parametrize(
     ("R", "said"),
-    [(np.full((1, 3, 3), np.nan), "edge 0 is not finite"), (-np.eye(3)[None], "no rotation"), (np.eye(3), "shape")],
+    [(np.full((1, 3, 3), np.nan), "edge 0 is not finite"), (-np.eye(3)[None], "not a rotation"), (np.eye(3), "shape")],
 )
 def test_what_is_no_rotation_is_said_so(R, said):
     with pytest.raises(GraphError, match=said):

@@ -81,4 +81,4 @@ def test_the_ground_truth_in_an_archive_is_that_of_the_folder(tmp_path, recordin
         numbers.append(json.loads(done.stdout))
     assert numbers[0]["ate_rmse_m"] == numbers[1]["ate_rmse_m"] > 0
     done = launch("eval", registered.folder, "--gt", write_rgbd(tmp_path / "scan.bag"))
-    assert done.returncode == 1 and "comes without ground truth" in done.stderr
+    assert done.returncode == 1 and "has no ground truth" in done.stderr

@@ -58,7 +58,7 @@ def one_line(done, status=1):
         (("register", "nowhere"), "nowhere does not exist"),
         (("register", "empty"), "empty is empty"),
         (("register", "file"), "file is not a folder"),
-        (("register", "letters"), "no layout known here"),
+        (("register", "letters"), "no supported layout"),
         (("register", "room", "--config", "papr"), "did you mean 'paper'?"),
         (("register", "room", "--config", "wrong.yaml"), "did you mean 'matching.ratio'?"),
         (("register", "room", "--set", "features.coutn=9"), "did you mean 'features.count'?"),

@@ -127,10 +127,10 @@ def test_a_map_says_whether_it_can_be_trusted(office, recordings, tmp_path):
     folder, said = office
     verdict = json.loads((folder / "summary.json").read_text())["verdict"]
     assert verdict == {"level": "good", "reasons": []}
-    assert said.splitlines()[-1] == "good        nothing speaks against it"
+    assert said.splitlines()[-1] == "good        no check contradicts it"
     apart = tmp_path / "apart"
     done = launch("register", recordings["first"], recordings["elsewhere"], "-o", apart, "-j", 1, "--strict")
-    assert done.returncode == 1 and "the result is doubtful: the recordings are 2 pieces" in done.stderr
+    assert done.returncode == 1 and "the result is doubtful: the recordings form 2 pieces" in done.stderr
     assert "doubtful    the recordings are 2 pieces that nothing joins" in done.stdout
     page = (apart / "report.html").read_text()
     assert 'class="verdict doubtful"' in page and "<li>the recordings are 2 pieces that nothing joins" in page
@@ -297,7 +297,7 @@ def test_several_recordings_need_a_folder_and_know_what_is_for_one(recordings, t
     pair = (recordings["first"], recordings["second"])
     done = launch("register", *pair)
     assert done.returncode == 2
-    assert "say where, with -o DIR" in done.stderr
+    assert "name its folder with -o DIR" in done.stderr
     done = launch("register", *pair, "-o", tmp_path / "x", "--gravity", tmp_path / "imu.txt")
     assert done.returncode == 2
     assert "--gravity is for one recording" in done.stderr

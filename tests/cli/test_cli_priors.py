@@ -105,7 +105,7 @@ def test_rough_poses_in_other_axes_are_refused(weak, tmp_path):
     path = rough(weak, tmp_path, np.diag([1.0, -1.0, -1.0, 1.0]))
     done = launch("register", weak, "-o", tmp_path / "out", "--pose-prior", path, "-q")
     assert done.returncode == 1
-    assert "they would agree as camera axes x right, y up, z backward" in done.stderr
+    assert "read as camera axes x right, y up, z backward" in done.stderr
 
 
 @pytest.mark.parametrize("option", ["--gravity", "--pose-prior"])

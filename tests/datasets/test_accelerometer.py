@@ -31,7 +31,7 @@ def test_stamps_in_other_units_are_converted_and_said(tmp_path, unit, start_s, k
     read, notes = read_accelerometer(path, start_s + np.arange(3.0))
     np.testing.assert_allclose(read.stamps_s, at_s, atol=0.0006)
     assert read.readings[:, 2].tolist() == list(range(300)) and np.isfinite(read.up).all()
-    said = f"taken as {unit.name} and converted to seconds"
+    said = f"read as {unit.name} and converted to seconds"
     assert [(note.kind, said in note.text) for note in notes] == ([] if unit == SECONDS else [(kind, True)])
 
 

@@ -158,7 +158,7 @@ def test_encrypted_members_are_named(folder, tmp_path):
 def test_an_archive_that_is_none(tmp_path):
     for name in ("a.zip", "a.tar", "a.tgz", "a.tar.xz"):
         (tmp_path / name).write_bytes(b"this is no archive " * 100)
-        with pytest.raises(InputError, match=f"{name} is damaged or incomplete"):
+        with pytest.raises(InputError, match=f"{name} is damaged, incomplete or not an archive"):
             open_sequence(tmp_path / name)
 
 

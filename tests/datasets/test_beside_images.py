@@ -121,7 +121,7 @@ def test_every_frame_is_read_as_one_camera_sees_it(tiny):
         assert seen.mean() > 0.9 and (scan.depth_m[~seen] == 0).all()
         assert np.abs(scan.color.astype(int) - color)[seen].max() <= 4
         assert np.abs(scan.depth_m[seen] * 1000 - depth[seen]).max() <= 8  # nearest pixel of a slanted wall
-    assert any("strays by up to 3.8 % from its median: 4 of 5" in note for note in said(sequence, NoteKind.CONVERTED))
+    assert any("varies by up to 3.8 % from its median: 4 of 5" in note for note in said(sequence, NoteKind.CONVERTED))
 
 
 def test_times_of_the_metadata_are_used(tiny):

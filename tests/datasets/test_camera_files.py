@@ -484,7 +484,7 @@ REFUSED = {
     "opencv seven": (
         "a.yml",
         OPENCV.replace("rows: 5", "rows: 7").replace("1.16 ]", "1.16, 0., 0. ]"),
-        "7 distortion coefficients; OpenCV has 4, 5, 8, 12 or 14",
+        "7 distortion coefficients; expected 4, 5, 8, 12 or 14, as in OpenCV",
     ),
     "opencv prism": (
         "a.yml",
@@ -499,9 +499,9 @@ REFUSED = {
     "ros lens": (
         "a.yaml",
         ROS.replace("plumb_bob", "omnidirectional"),
-        "distortion_model is 'omnidirectional'; known are",
+        "distortion_model is 'omnidirectional'; supported are",
     ),
-    "ros fisheye": ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 coefficients of a fisheye lens; it has 4"),
+    "ros fisheye": ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 coefficients of a fisheye lens; expected 4"),
     "ros no lens": (
         "a.yaml",
         ROS.replace("distortion_model: plumb_bob\n", "").replace("cols: 5", "cols: 4").replace(", 1.16]", "]"),
@@ -549,7 +549,7 @@ REFUSED = {
     "realsense inverse": (
         "a.json",
         json.dumps(REALSENSE | {"model": "distortion.inverse_brown_conrady"}),
-        "'inversebrownconrady' with coefficients other than 0 is not known",
+        "'inversebrownconrady' with coefficients other than 0 is not supported",
     ),
     "realsense unnamed": ("a.json", json.dumps(REALSENSE), "'that no key names' with coefficients"),
     "azure centre": ("a.json", json.dumps(AZURE | {"codx": 0.01}), "codx, cody"),
@@ -574,7 +574,7 @@ def test_what_is_refused_is_named(tmp_path, name, text, words):
 
 
 def test_a_wrong_size_for_azure_kinect(tmp_path):
-    with pytest.raises(ConfigError, match="640 x 576 is no size of Azure Kinect's colour images"):
+    with pytest.raises(ConfigError, match="640 x 576 is not a size of Azure Kinect's colour images"):
         read_camera_file(write(tmp_path, "c.json", raw_azure()), image_size=(640, 576), depth_scale=1000.0)
 
 
@@ -585,7 +585,7 @@ OWN += "width: 640\nheight: 480\ndepth_scale: 5000\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (OWN + "fx: 300\n", "c.yaml:8: not a YAML file: key 'fx' stands twice"),
+        (OWN + "fx: 300\n", "c.yaml:8: not a YAML file: key 'fx' is given twice"),
         (OWN.replace("517.3", "5_17.3"), "fx must be a finite number"),
         (OWN.replace("517.3", "8:37.3"), "fx must be a finite number"),
         (OWN + "lens: omni\n", "lens is one of pinhole, radial-tangential, fisheye, not 'omni'"),
@@ -634,8 +634,8 @@ def test_a_recording_takes_its_size_and_scale(tum, tmp_path):
         (b"<html></html>", "XML of <html>"),
         (b"<opencv_storage>", "not XML"),
         (b"<opencv_storage>" + b"<a>" * 100 + b"</a>" * 100 + b"</opencv_storage>", "nested more than 20 deep"),
-        (b"<opencv_storage><a>1</a><a>2</a></opencv_storage>", "key 'a' stands twice"),
-        (b'{"fx": 1, "fx": 2}', "key 'fx' stands twice"),
+        (b"<opencv_storage><a>1</a><a>2</a></opencv_storage>", "key 'a' is given twice"),
+        (b'{"fx": 1, "fx": 2}', "key 'fx' is given twice"),
         (b"\x89PNG\r\n\x1a\n", "not a text file"),
         (b"fx: 1\n" * 20000, "kB of YAML, more than the 64 kB allowed"),
         (b'{"a":' * 100000, "not JSON"),

@@ -117,7 +117,7 @@ def test_a_depth_camera_survives_its_file_and_is_read_with_the_recording(tmp_pat
     sequence = open_sequence(folder)
     assert np.allclose(sequence.depth_camera.T_color_depth, own.T_color_depth, atol=1e-12)
     assert sequence.depth_camera.camera.fx == own.camera.fx and not sequence.depth_camera.sees_as(sequence.camera)
-    assert any("a camera of its own" in note.text for note in sequence.notes)
+    assert any("a separate depth camera" in note.text for note in sequence.notes)
     guess = replace(own, camera=replace(own.camera, trust=Trust.GUESS, lens=radial_tangential_lens(0.1)))
     save_camera(tmp_path / "guess.yaml", settings.camera, depth_camera=guess)
     again = open_sequence(folder, camera_path=tmp_path / "guess.yaml").depth_camera

@@ -56,7 +56,7 @@ def test_they_stand_among_the_frames_where_points_are_followed(folder):
         assert scan.color.shape == (48, 64, 3) and not scan.depth_m.any() and scan.depth_m.shape == (48, 64)
     told = [note.text for note in whole.notes if "images" in note.text]
     assert told == [
-        "4 colour images have no depth image within 20 ms: only points that are followed tell their poses",
+        "4 colour images have no depth image within 20 ms: their poses come from tracked points alone",
         "1 of 4 depth images have no colour image within 20 ms",
     ]
 
@@ -73,7 +73,7 @@ def test_of_equal_stamps_one_image_is_used():
     assert [frame.timestamp_s for frame in found.frames] == [10.0, 10.1]
     assert [frame.color for frame in found.color_only.frames] == [color.sources[3], color.sources[4]]
     assert [note.text for note in found.color_only.taken_in] == [
-        "2 colour images have no depth image within 20 ms: only points that are followed tell their poses",
+        "2 colour images have no depth image within 20 ms: their poses come from tracked points alone",
         "2 colour images have the stamps of others",
         "1 of 3 depth images have no colour image within 20 ms",
     ]

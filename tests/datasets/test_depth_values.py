@@ -56,7 +56,7 @@ def test_a_value_for_no_reading_is_found_and_kept_out(tiny, value):
     plain = recording(Tiny(tiny.root / "plain"), lambda z: z)
     sequence = recording(Tiny(tiny.root / "marked"), marked(value))
     assert sequence.depth_format.no_reading == (value,) and sequence.depth_format.no_reading_found
-    assert [f"depth {value} ({value / 5000:.2f} m) is taken as no reading: 12 %" in n for n in doubts(sequence)] == [
+    assert [f"depth {value} ({value / 5000:.2f} m) is read as missing depth: 12 %" in n for n in doubts(sequence)] == [
         True
     ]
     for k in range(FRAMES):
@@ -97,7 +97,7 @@ def test_floating_point_depth(tiny, suffix, unit, name, missing):
         ),
         suffix,
     )
-    assert f"taken as {name}; the camera's depth_scale 5000 is for whole numbers" in doubts(sequence)[0]
+    assert f"read as {name}; the camera's depth_scale 5000 is for whole numbers" in doubts(sequence)[0]
     for k in range(FRAMES):
         check_headers(sequence, k)
         np.testing.assert_allclose(read_scan(sequence, k).depth_m, read_scan(plain, k).depth_m, rtol=1e-5)
@@ -131,7 +131,11 @@ def test_one_frame_of_another_type_is_named(tiny):
 @pytest.mark.parametrize(
     ("folder", "change", "words"),
     [
-        ("rgb", lambda z: z, "depth_scale 5000 units a metre is assumed, nothing states it: the median depth is 1.9"),
+        (
+            "rgb",
+            lambda z: z,
+            "depth_scale 5000 units a metre is assumed, as no file states it: the median depth is 1.9",
+        ),
         (
             "rgb",
             lambda z: (z // 10).astype(np.uint16),

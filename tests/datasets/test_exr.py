@@ -50,8 +50,8 @@ def test_half_precision_and_whole_numbers(tmp_path):
     ("channels", "words"),
     [
         ({"R": COLOUR, "G": COLOUR + 1, "B": COLOUR}, "an EXR of colours, not of depth"),
-        ({"a": DEPTH, "b": DEPTH}, "the channels a, b: which of them is depth is not clear"),
-        ({"Z": DEPTH, "V": COLOUR}, "which of them is depth is not clear"),
+        ({"a": DEPTH, "b": DEPTH}, "the channels a, b: it is not clear which is depth"),
+        ({"Z": DEPTH, "V": COLOUR}, "it is not clear which is depth"),
     ],
 )
 def test_what_is_not_plainly_depth_is_refused(tmp_path, channels, words):

@@ -128,7 +128,7 @@ def test_messages(tmp_path):
 
 def test_too_large_a_subset_is_refused(tmp_path, archive):
     done = run(tmp_path, NAME, "--subset", "5")
-    assert done.returncode == 1 and "has 4 frames to choose from; 5 cannot be had" in done.stderr
+    assert done.returncode == 1 and "has 4 frames; choose at most so many, not 5" in done.stderr
     assert not (tmp_path / "data" / f"{NAME}_5").exists()
 
 

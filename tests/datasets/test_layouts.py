@@ -163,7 +163,7 @@ def test_lost_tracking_leaves_the_frame_out(tiny):
 
 def test_zoom_of_a_phone_is_noted(tiny):
     polycam(tiny)
-    assert any("focal length strays by up to 5.0 %" in str(note) for note in open_sequence(tiny.root).notes)
+    assert any("focal length varies by up to 5.0 %" in str(note) for note in open_sequence(tiny.root).notes)
 
 
 def test_record3d_depth_in_exr(tiny):
@@ -172,7 +172,7 @@ def test_record3d_depth_in_exr(tiny):
         write_exr(path.with_suffix(".exr"), R=np.full((32, 24), 1.5, np.float32))
         path.unlink()
     sequence = open_sequence(tiny.root)
-    assert any("taken as metres" in str(note) for note in sequence.notes)
+    assert any("read as metres" in str(note) for note in sequence.notes)
     depth_m = read_scan(sequence, 0).depth_m
     assert set(np.unique(depth_m)) <= {np.float32(0), np.float32(1.5)} and (depth_m == 1.5).any()
 

@@ -97,7 +97,7 @@ def test_files_named_otherwise_are_counted(tiny):
         "1 of 11 files in color/ are not named like the others and not used: preview.png"
     ]
     assert said(sequence, NoteKind.UNUSED) == [
-        "1 files in depth/ are not used, such as list.txt: suffixes that are not read here"
+        "1 files in depth/ are not used, such as list.txt: their suffixes are not supported"
     ]
 
 

@@ -164,7 +164,7 @@ def test_maps_that_are_missing_are_counted(tmp_path):
     root = apps.stray_scanner(tmp_path / "a", BIG)
     (root / "confidence/000002.png").unlink()
     notes = [str(note) for note in open_sequence(root).notes]
-    assert "confidence/ has maps for 5 of 6 frames: the depth of the others is used whatever its confidence" in notes
+    assert "confidence/ has maps for 5 of 6 frames: all depth of the others is used" in notes
 
 
 def test_polycam_says_which_images_are_used(tmp_path):
@@ -177,7 +177,7 @@ def test_polycam_says_which_images_are_used(tmp_path):
 
 def test_bop_images_with_principal_points_of_their_own(tmp_path):
     sequence = open_sequence(apps.bop(tmp_path, SHOTS, shift_px=8.0))
-    assert any("the principal point strays by up to 4.0 px" in str(note) for note in sequence.notes)
+    assert any("the principal point varies by up to 4.0 px" in str(note) for note in sequence.notes)
     assert all(frame.camera is not None for frame in sequence.frames)
 
 
@@ -299,7 +299,7 @@ def test_video_depth_and_table_of_different_lengths_are_refused(tmp_path):
         open_sequence(root)
     first = apps.stray_scanner(tmp_path / "b", BIG, form="first")  # its table has no numbers of frames
     (first / "depth/000003.png").unlink()
-    with pytest.raises(InputError, match="nothing says which belong together"):
+    with pytest.raises(InputError, match="it is not known which belong together"):
         open_sequence(first)
 
 
@@ -405,7 +405,7 @@ def test_video_without_an_index_is_refused_in_one_line(tmp_path):
 def test_playlist_is_no_video(tmp_path):
     root = apps.stray_scanner(tmp_path / "a", BIG)
     (root / "rgb.mp4").write_text("#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile:///etc/passwd\n#EXT-X-ENDLIST\n")
-    with pytest.raises(InputError, match="no MP4, MOV or Matroska video"):
+    with pytest.raises(InputError, match="not an MP4, MOV or Matroska video"):
         open_sequence(root)
 
 
@@ -435,7 +435,7 @@ def test_bombs_are_not_unpacked(tmp_path):
 
     with pytest.raises(InputError, match=r"rgbd/3\.depth.*67108864 bytes of pixels instead of 196608"):
         first_frame(with_member("rgbd/3.depth", liblzfse.compress(bytes(64 << 20))))
-    with pytest.raises(InputError, match=r"rgbd/3\.depth.*far more than the image: not unpacked"):
+    with pytest.raises(InputError, match=r"rgbd/3\.depth.*far more than the image; they are not unpacked"):
         first_frame(with_member("rgbd/3.depth", lzfse_bomb(UPRIGHT.depth_m[0].nbytes)))
     with pytest.raises(InputError, match=r"rgbd/3\.depth"):
         first_frame(with_member("rgbd/3.conf", liblzfse.compress(bytes(5))))

@@ -80,7 +80,7 @@ def test_a_realsense_bag_is_registered_by_its_own_calibration(tmp_path):
     ("options", "said"),
     [
         ({"unit_m": None}, f"lacks {OPTION}, the unit of depth"),
-        ({"unit_m": 5.0}, "is 5 m, which is no unit of depth"),
+        ({"unit_m": 5.0}, "is 5 m, which cannot be a unit of depth"),
         ({"left_out": [f"{DEVICE[0]}/tf"]}, f"lacks {DEVICE[0]}/tf/0, the place of"),
         ({"left_out": [f"{DEVICE[1]}/info"]}, f"lacks {DEVICE[1]}/info/camera_info"),
         ({"reference": ("0", "1")}, "no reference in common"),
@@ -196,7 +196,7 @@ def test_a_log_of_elastic_fusion(tmp_path, zipped, as_jpeg):
         assert np.array_equal(scan.color, color) or (as_jpeg and np.abs(scan.color.astype(int) - color).mean() < 2)
         np.testing.assert_allclose(scan.depth_m, mm / 1000, rtol=1e-6)
         assert frame.depth.header().bits == 16 and frame.color.header().width == 640
-    assert any("colour is taken as RGB" in str(note) for note in sequence.notes)
+    assert any("colour is read as RGB" in str(note) for note in sequence.notes)
 
 
 def test_a_log_that_was_cut_off_opens_as_far_as_it_goes(tmp_path):

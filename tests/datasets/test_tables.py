@@ -68,7 +68,7 @@ def test_an_association_file_pairs_row_by_row(tum, color, depth_first, name):
     sequence = open_sequence(tum.root)
     assert [frame.color.path.name for frame in sequence.frames] == [frame.color.path.name for frame in expected]
     assert [frame.depth for frame in sequence.frames] == [frame.depth for frame in expected]
-    assert said(sequence, NoteKind.PAIRED) == [f"5 pairs taken from {name}, whatever the difference of their stamps"]
+    assert said(sequence, NoteKind.PAIRED) == [f"5 pairs are read from {name}; differences of their stamps are ignored"]
 
 
 @pytest.mark.parametrize("color", ["color", "rgb"])
@@ -183,7 +183,7 @@ def test_units_are_converted_and_said(tiny, scale, name, start_s, interval_s):
     assert [f.timestamp_s for f in sequence.frames] == pytest.approx(stamps_s, abs=6e-4)
     assert [f.depth_timestamp_s for f in sequence.frames] == pytest.approx(stamps_s + 0.004, abs=6e-4)
     kind = NoteKind.CONVERTED if start_s else NoteKind.ASSUMED
-    assert [f"apart: taken as {name} and converted" in note for note in said(sequence, kind)] == [True]
+    assert [f"apart: read as {name} and converted" in note for note in said(sequence, kind)] == [True]
 
 
 def test_frame_numbers_in_tables(tiny):

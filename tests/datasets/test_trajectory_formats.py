@@ -126,7 +126,7 @@ def test_decimal_commas(tmp_path, poses, separator):
 def test_commas_with_two_meanings_are_refused(tmp_path):
     """16 numbers of a matrix, or 8 of TUM's format with decimal commas: both are sound."""
     (tmp_path / "t.txt").write_text("1,0 0,0 0,1 0,0 0,0 1,0 0,0 0,1\n")
-    with pytest.raises(InputError, match="may separate numbers or stand for decimal points"):
+    with pytest.raises(InputError, match="may be separators or decimal points"):
         read_pose_file(tmp_path / "t.txt")
 
 
@@ -153,7 +153,7 @@ def test_matrices_by_frame_number(tmp_path, poses, columns):
 def test_matrices_column_by_column_are_named(tmp_path, poses):
     text = "".join(" ".join(f"{v:.12f}" for v in M.T.ravel()) + "\n" for M in matrices(*poses[1:], False))
     (tmp_path / "poses.txt").write_text(text)
-    with pytest.raises(InputError, match=r"poses\.txt:1: no matrix .* column by column; transpose it"):
+    with pytest.raises(InputError, match=r"poses\.txt:1: not a matrix .* column by column; transpose it"):
         read_pose_file(tmp_path / "poses.txt")
 
 
@@ -184,9 +184,9 @@ IDENTITY = "0 0 0 0 0 0 1"
         (f"the poses of the desk\n1 {IDENTITY}\n", "names no time stamp"),
         (f"1 {IDENTITY} 5\n", "found 9 values"),
         ("1 2 3 4 5 6 7\n", "found 7 values"),
-        ("1 0.2 0.3 0.4 0.1 0.1 0.1 0.1\n", r"t\.txt:1: no unit quaternion"),
-        ("1 0 0 0 0 1 0 0 0 0 1.1 0\n", r"t\.txt:1: no rigid motion"),
-        ("1 0 0 0 0 1 0 0 0 0 -1 0\n", r"t\.txt:1: no rigid motion"),
+        ("1 0.2 0.3 0.4 0.1 0.1 0.1 0.1\n", r"t\.txt:1: not a unit quaternion"),
+        ("1 0 0 0 0 1 0 0 0 0 1.1 0\n", r"t\.txt:1: not a rigid motion"),
+        ("1 0 0 0 0 1 0 0 0 0 -1 0\n", r"t\.txt:1: not a rigid motion"),
         ("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 2\n", "does not end in 0 0 0 1"),
         ("1 0 0 0\n0 1 0 0\n0 0 1 0\n", r"t\.txt:3: the file ends within a matrix"),
         ("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1\n0 0 0 1\n", r"t\.txt:4: expected 4 values"),

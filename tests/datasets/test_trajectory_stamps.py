@@ -50,9 +50,9 @@ def test_a_header_overrules_and_must_fit(tmp_path):
 
 def test_another_clock_is_refused_with_advice(tmp_path):
     dense_s = np.arange(1000) / 100
-    with pytest.raises(InputError, match=r"counts from a start of its own: add .* \(near 1305031102\.29"):
+    with pytest.raises(InputError, match=r"Its clock starts at 0: add .* \(near 1305031102\.29"):
         read_trajectory(write(tmp_path / "t.txt", in_unit(dense_s, "s")), EPOCH_S + FRAMES_S)
-    with pytest.raises(InputError, match="The frames have no such clock"):
+    with pytest.raises(InputError, match="The frames' clock starts at 0"):
         read_trajectory(write(tmp_path / "t.txt", in_unit(EPOCH_S + dense_s, "s")), FRAMES_S)
     with pytest.raises(InputError, match="is it of this recording"):
         read_trajectory(write(tmp_path / "t.txt", in_unit(EPOCH_S + 1e6 + dense_s, "s")), EPOCH_S + FRAMES_S)
@@ -66,7 +66,7 @@ def test_one_pose_a_frame_in_the_same_rhythm_is_shifted_and_said(tmp_path):
     np.testing.assert_array_equal(read.timestamps_s, frames_s)
     assert f"shifted by {frames_s[0]:.6f} s onto the frames (50: frames of the recording)" in read.source
     other_s = EPOCH_S + np.cumsum(rng.uniform(0.03, 0.05, 50))
-    with pytest.raises(InputError, match="counts from a start of its own"):
+    with pytest.raises(InputError, match="Its clock starts at 0"):
         read_trajectory(path, other_s, lambda: {"frames of the recording": other_s})
 
 

@@ -127,7 +127,7 @@ def test_bad_folders_are_named(tmp_path, tum):
         open_sequence(tmp_path / "empty")
     with pytest.raises(InputError, match=r"did you mean .*recording\?"):
         open_sequence(tmp_path)
-    with pytest.raises(InputError, match="no layout known here"):
+    with pytest.raises(InputError, match="no supported layout"):
         open_sequence(tum.root / "rgb")
     with pytest.raises(InputError, match="did you mean 'tum'"):
         open_sequence(tum.root, layout="tun")

@@ -132,5 +132,5 @@ def test_a_bad_result_is_measured_and_said(walk):
     numbers = evaluate(estimate, Trajectory(estimate.timestamps_s, other)).numbers
     assert (
         numbers["protocol"]["ground_truth"]
-        == "the motions of result and ground truth hardly agree: is it of this recording?"
+        == "the motions of the result and of the ground truth differ: is the ground truth of this recording?"
     )

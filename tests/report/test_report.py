@@ -171,7 +171,7 @@ def test_a_run_without_any_pose_still_says_why(run):
     page = Page(written(run.results, run.sequence).read_text())
     assert "It did not work: 0 of 8 frames are registered." in page.text
     assert "7 frames without a pose (0–4, 6–7): no depth" in page.text
-    assert "Few features (20 a frame at the median)" in page.text
+    assert "The frames have few features (median 20)" in page.text
     assert "No two frames share enough matches" in page.text
 
 
@@ -282,7 +282,7 @@ def test_frames_with_the_same_trouble_belong_together(run):
     lost = ",0,-1,not_verified,"
     text[1:3] = [line.replace(",1,0,registered,", lost) + why for line, why in zip(text[1:3], reasons, strict=True)]
     (run.results / "frames.csv").write_text("\n".join(text) + "\n")
-    assert "2 frames without a pose (0–1): no overlap was verified." in judge(load(run.results).columns).facts
+    assert "2 frames without a pose (0–1): no edge was verified." in judge(load(run.results).columns).facts
 
 
 def test_an_assumption_that_the_recording_contradicts_is_a_doubt(run):
@@ -334,7 +334,7 @@ def test_what_became_of_gravity_is_told(run):
     assert not any("took a camera" in fact for fact in facts)
 
 
-@pytest.mark.parametrize(("rejection", "advice"), [("looks_different", "Masks"), ("few_inliers", "more overlap")])
+@pytest.mark.parametrize(("rejection", "advice"), [("looks_different", "Masks"), ("few_inliers", "overlap more")])
 def test_advice_follows_the_reasons_of_rejected_pairs(run, rejection, advice):
     rows = (run.results / "edges.csv").read_text().replace(",verified,,,", f",rejected,{rejection},,")
     (run.results / "edges.csv").write_text(rows)
@@ -348,8 +348,8 @@ def test_separate_pieces_are_told(run):
     text[-2:] = [line.replace(",1,0,", ",0,1,") for line in text[-2:]]
     (run.results / "frames.csv").write_text("\n".join(text) + "\n")
     verdict = judge(load(run.results).columns)
-    assert "5 of 8 frames are registered; 2 more hang together in 1 separate piece." in verdict.headline
-    assert any("no verified edge between them" in advice for advice in verdict.advice)
+    assert "5 of 8 frames are registered; 2 more form 1 separate piece." in verdict.headline
+    assert any("No verified edge joins the pieces" in advice for advice in verdict.advice)
 
 
 def test_runs():

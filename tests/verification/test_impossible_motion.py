@@ -60,7 +60,7 @@ def test_a_turntable_that_is_taken_for_its_other_side_is_doubted_at_both_ends():
     assert all(step.contested and step.angle_deg > 165 and abs(step.usual_deg - 10) < 0.1 for step in found)
     words = found[0].sentence(10 * np.arange(36))
     assert words.startswith("between frames 110 and 120 the path turns by 170 deg and moves by 1.20 m")
-    assert words.endswith("their images agree with a step like those around, too")
+    assert words.endswith("their images also agree with a step of the usual size")
 
 
 def test_a_neighbour_of_the_step_may_speak_against_it():
@@ -81,7 +81,7 @@ def test_a_jump_stays_if_the_images_overlap_after_it_and_is_doubted_if_they_do_n
     assert doubted(T, ALIKE) == []
     (step,) = doubted(T, NOTHING_SEEN)
     assert (step.a, step.b, step.contested) == (19, 20, False)
-    assert "nothing that both of them see confirms it" in step.sentence(np.arange(36))
+    assert "no matches between them confirm it" in step.sentence(np.arange(36))
     assert len(doubted(T, Pictures(300, 400))) == 1
 
 

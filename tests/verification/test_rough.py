@@ -76,7 +76,7 @@ def test_another_world_is_as_good(turn, rng):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (lambda T: T @ OPENGL_AXES, r"they would agree as camera axes x right, y up, z backward"),
+        (lambda T: T @ OPENGL_AXES, r"read as camera axes x right, y up, z backward"),
         (se3.inverse, "they would agree as poses world to camera"),
         (
             lambda T: se3.pose(T[:, :3, :3], 1000 * T[:, :3, 3]),

@@ -52,7 +52,7 @@ def test_a_part_that_fits_elsewhere_nearly_as_well_is_named(moved):
     assert words.startswith(
         f"{len(moved)} frames from {10 * moved[0]} to {10 * moved[-1]} fit elsewhere nearly as well"
     )
-    assert "120 matches of 4 pairs agree with that, 150 of 3 join them" in words
+    assert "120 matches of 4 pairs agree with that place, 150 of 3 with" in words
 
 
 def test_a_part_of_a_long_recording_is_named_too():

@@ -1,4 +1,4 @@
-"""The paper's experiments as `miniloop bench` offers them."""
+"""The paper's experiments in `miniloop bench`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ SEQUENCES = click.argument(
     "sequences", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path)
 )
 MAX_FRAMES = whole("--max-frames", 3, 100, "Evenly spaced frames of SEQ.")
-CONFIG = "Preset or file that says what is detected and matched"
+CONFIG = "Preset or settings file for features and matching"
 
 SOLVERS = Benchmark(
     "solvers",
-    "Solutions, truth found and time of the solvers.",
-    """Minimal solvers on exact random cycles: number of solutions, truth found, time a call.
+    "Solutions, success and time of the minimal solvers.",
+    """Minimal solvers on exact random cycles: number of solutions, share of true poses found, time a call.
 
     ransac ms: the joint estimator on one pair or cycle of 200 matches an edge, 40 % of them wrong, 2000 hypotheses.
 
@@ -103,7 +103,7 @@ MINISEQUENCES = Benchmark(
         click.option(
             "--min-matches",
             type=click.IntRange(min=3),
-            help="Matches an edge needs [default: as leave the paper's share of pairs].",
+            help="Smallest number of matches of an edge [default: keeps the paper's share of pairs].",
         ),
         click.option(
             "--config",
@@ -121,9 +121,9 @@ TABLES = Benchmark(
     "The paper's tables: cycles and final errors.",
     """Cycles of the overlap graph at several T, and errors of the final poses over its edges.
 
-    SEQ: recordings with ground truth. The paper does not give its T: the errors are measured over the graph with the
-    paper's number of edges (for other recordings with its middle sequence's share of the pairs), all of them, whether
-    a run used them or not.
+    SEQ: recordings with ground truth. The paper does not give its T. Errors are therefore measured over the graph with
+    the paper's number of edges; for other recordings, with the share of pairs of the paper's middle sequence. All
+    edges of this graph count, also those that a run did not use.
 
     \b
     Example:   miniloop bench tables path/to/freiburg1_xyz
@@ -155,12 +155,12 @@ TABLES = Benchmark(
 WEAK_LOOPS = Benchmark(
     "weakloops",
     "Edges with few matches, alone and in cycles.",
-    """Share of edges with 8 to 25 matches that come out right (5 deg and 10 cm), as pairs and in 3- to 7-cycles.
+    """Share of correct edges (5 deg, 10 cm) among those with 8 to 25 matches, as pairs and in 3- to 7-cycles.
 
-    SEQ: recordings with ground truth. Edges are thinned (of pairs with 40 matches or more so many are kept) or real;
-    their partners in the cycle strong (40 matches or more) or weak as they are. Pair and cycle get the same matches,
-    the same number of hypotheses and the same refinement. Only edges are counted that lie on cycles of all lengths
-    and hold at least 5 true matches.
+    SEQ: recordings with ground truth. An edge is real, or thinned: a random subset of 40 matches or more. Its partners
+    in the cycle are strong (40 matches or more) or as weak as the edge. Pair and cycle get the same matches, the same
+    number of hypotheses and the same refinement. An edge is counted if it has at least 5 true matches and lies on
+    cycles of all lengths.
 
     \b
     Example:   miniloop bench weakloops path/to/freiburg1_desk --edges 100
@@ -184,7 +184,7 @@ WEAK_LOOPS = Benchmark(
     options=(
         SEQUENCES,
         whole("--edges", 1, 300, "Edges of each kind."),
-        whole("--hypotheses", 1, 2000, "Tried for a pair or a cycle."),
+        whole("--hypotheses", 1, 2000, "Hypotheses for a pair or a cycle."),
         MAX_FRAMES,
     ),
 )

@@ -1,4 +1,4 @@
-"""What the readers of bags have in common: topics, the places of their messages, and bounded decompression."""
+"""The common parts of bag readers: topics, positions of messages, and bounded decompression."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_HEADER_BYTES = 1 << 20
 
 
 class Place(NamedTuple):
-    """Where a message lies: in which file of the bag, at which record or row, and where within a chunk."""
+    """Position of a message: the file of the bag, the record or row, and the offset within a chunk."""
 
     time_ns: int  # when it was received
     record: int
@@ -40,9 +40,9 @@ class Topic:
 
 @dataclass
 class Damage:
-    """What of a bag could not be used."""
+    """Damage of a bag."""
 
-    cut_at: int | None = None  # the byte at which reading the records had to end
+    cut_at: int | None = None  # the byte at which reading the records ended
     unfinished: bool = False  # the recorder did not close the file
 
 
@@ -63,7 +63,7 @@ def ros2_type(name: str) -> str:
 
 
 class RecordFile:
-    """A file of records, read at places by several threads; sizes that it claims are checked against its own."""
+    """A file of records, read by several threads; stated sizes are checked against that of the file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -73,7 +73,7 @@ class RecordFile:
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
     def at(self, offset: int, count: int) -> bytes:
-        """`count` bytes. Raises InputError (reason only) where the file ends before."""
+        """`count` bytes. Raises InputError (reason only) if the file ends before."""
         if count < 0 or offset < 0 or offset + count > self.size:
             raise InputError(f"the file ends within the record at byte {offset}")
         with self._lock:
@@ -84,7 +84,7 @@ class RecordFile:
         return data
 
     def chunk(self, offset: int, read: Callable[[], bytes]) -> bytes:
-        """The decompressed chunk at `offset`, which `read` makes where it is not at hand."""
+        """The decompressed chunk at `offset`, from the cache or from `read`."""
         with self._lock:
             if offset in self._chunks:
                 self._chunks.move_to_end(offset)
@@ -110,7 +110,7 @@ def decompressed(data: bytes, how: str, limit: int) -> bytes:
             return _wheel("lz4").LZ4FrameDecompressor().decompress(data, limit)
         if how == "zstd":
             return _wheel("zstd").ZstdDecompressor().decompress(data, limit)
-    raise InputError(f"compressed by '{how[:20]}', which is not known here")
+    raise InputError(f"the compression '{how[:20]}' is not supported")
 
 
 def _wheel(name: str) -> Any:

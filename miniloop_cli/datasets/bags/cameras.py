@@ -19,7 +19,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.typing import Floats
 
-MOST_TRANSFORMS = 300  # messages that are looked at; static ones come first
+MOST_TRANSFORMS = 300  # messages that are read; static ones come first
 MOVED = 1e-6  # of a transform that is not constant
 SDK_MODELS = ("conrady", "kannala", "ftheta", "none")
 
@@ -33,7 +33,7 @@ def find_info(path: Path, bag: Bag, image: ImageTopic, given: str | None) -> tup
     if given:
         if given not in infos:
             listed = ", ".join(sorted(infos)) or "none"
-            raise InputError(f"{shown(path)}: {shown(given)} holds no CameraInfo; topics that do: {shown(listed)}")
+            raise InputError(f"{shown(path)}: {shown(given)} has no CameraInfo; topics that have: {shown(listed)}")
         return given, infos[given]
     beside = f"{image.base.rpartition('/')[0]}/camera_info"
     if beside in infos:
@@ -61,12 +61,12 @@ def _first(bag: Bag, topic: Topic) -> CameraInfo | None:
 def camera_of(info: CameraInfo, where: str, source: str, depth_scale: float, rectified: bool = False) -> Camera:
     """The camera of a CameraInfo; of rectified images, that of its projection matrix without a lens.
 
-    Raises ConfigError for what is no camera or has an unknown lens.
+    Raises InputError for a camera without calibration, ConfigError for impossible values and unknown lenses.
     """
     K = info.P[:3] + info.P[4:7] + info.P[8:11] if rectified else info.K
     D = () if rectified else info.D
     if K[0] == 0:
-        raise InputError(f"{where} is of a camera that was not calibrated (K is 0); give its camera with --camera FILE")
+        raise InputError(f"{where} describes a camera without calibration (K is 0); give its camera with --camera FILE")
     size = {"width": float(info.width), "height": float(info.height)}
     model = info.model.lower()
     if any(name in model for name in SDK_MODELS) and not rectified:  # RealSense's SDK writes its own names

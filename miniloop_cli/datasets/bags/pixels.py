@@ -63,7 +63,7 @@ _COMPRESSED = re.compile(r"\s*(?:(?P<encoding>\w+)\s*;)?\s*(?P<how>.*?)\s*")
 def compressed_format(text: str, topic: str) -> tuple[str, str]:
     """The encoding that a CompressedImage had ("" where it does not say) and how it is compressed.
 
-    How is `image` (JPEG or PNG), `depth` (compressedDepth), or what is not known here.
+    The latter is `image` (JPEG or PNG), `depth` (compressedDepth), or the name of an unsupported compression.
     """
     match = _COMPRESSED.fullmatch(text)
     encoding, how = (match["encoding"] or "", match["how"]) if match else ("", text)
@@ -75,10 +75,10 @@ def compressed_format(text: str, topic: str) -> tuple[str, str]:
 
 
 def raw_header(head: ImageHead) -> ImageHeader:
-    """Raises InputError (reason only) for an encoding that is not known, and sizes that are not allowed."""
+    """Size and type of a raw image. Raises InputError (reason only) for unsupported encodings and sizes."""
     kind = ENCODINGS.get(head.encoding)
     if kind is None:
-        raise InputError(f"the encoding '{head.encoding[:40]}' is not known here")
+        raise InputError(f"the encoding '{head.encoding[:40]}' is not supported")
     if not 0 < head.width * head.height <= MAX_PIXELS:
         raise InputError(f"{head.width} x {head.height} pixels are not allowed")
     bits = 8 * np.dtype(kind.dtype).itemsize
@@ -101,7 +101,7 @@ def raw_pixels(head: ImageHead, data: bytes) -> NDArray[Any]:
     pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
     if kind.convert:
         if min(head.width, head.height) < 2 or (kind.channels == 2 and head.width % 2):
-            raise InputError(f"{head.width} x {head.height} is no size of {head.encoding}")
+            raise InputError(f"{head.width} x {head.height} is not a possible size of {head.encoding}")
         return np.asarray(cv2.cvtColor(pixels, getattr(cv2, kind.convert)))
     if kind.order:
         return np.ascontiguousarray(pixels[..., kind.order])
@@ -109,7 +109,7 @@ def raw_pixels(head: ImageHead, data: bytes) -> NDArray[Any]:
 
 
 def compressed_header(head: ImageHead, topic: str, data: bytes) -> ImageHeader:
-    """Raises InputError (reason only)."""
+    """Size and type of a compressed image. Raises InputError (reason only)."""
     encoding, how = compressed_format(head.encoding, topic)
     if how == "depth":
         found = read_header(io.BytesIO(_png_of_depth(data)))
@@ -120,7 +120,10 @@ def compressed_header(head: ImageHead, topic: str, data: bytes) -> ImageHeader:
 
 
 def compressed_pixels(head: ImageHead, topic: str, data: bytes) -> NDArray[Any]:
-    """The pixels (h, w) or (h, w, 3) of a CompressedImage; quantised depth as float32 metres, 0 = no reading."""
+    """The pixels (h, w) or (h, w, 3) of a CompressedImage; quantised depth as float32 metres, 0 = no reading.
+
+    Raises InputError (reason only).
+    """
     encoding, how = compressed_format(head.encoding, topic)
     if how == "image":
         return decode(data)
@@ -128,14 +131,14 @@ def compressed_pixels(head: ImageHead, topic: str, data: bytes) -> NDArray[Any]:
         raise InputError(f"compressed as '{how}', which is not known here")
     stored = decode(_png_of_depth(data))
     if stored.ndim != 2:
-        raise InputError("compressedDepth of several channels")
+        raise InputError("compressedDepth has several channels, expected one")
     if encoding == "16UC1" and stored.dtype == np.uint16:
         return stored
     if encoding != "32FC1" or stored.dtype != np.uint16:
-        raise InputError(f"compressedDepth of '{encoding[:20]}' in {8 * stored.dtype.itemsize} bits is not known here")
+        raise InputError(f"compressedDepth of '{encoding[:20]}' in {8 * stored.dtype.itemsize} bits is not supported")
     _, A, B = QUANTISED_HEADER.unpack_from(data)
     if not (np.isfinite([A, B]).all() and A > 0):
-        raise InputError(f"compressedDepth with the quantisation {A:g}, {B:g}")
+        raise InputError(f"compressedDepth has an impossible quantisation: {A:g}, {B:g}")
     with np.errstate(divide="ignore"):
         depth_m = np.float32(A) / (stored.astype(np.float32) - np.float32(B))
     return np.where((stored > 0) & np.isfinite(depth_m) & (depth_m > 0), depth_m, np.float32(0))

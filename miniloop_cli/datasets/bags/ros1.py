@@ -1,7 +1,7 @@
-"""ROS 1 bags (format 2.0): chunks of records, walked from the start, so that a bag that was cut off opens too.
+"""ROS 1 bags (format 2.0): chunks of records, read from the start, so that a truncated bag opens as well.
 
-Format: https://wiki.ros.org/Bags/Format/2.0. The recorder writes an index after each chunk; one that it did not close
-(`.active`) has all of these but the last.
+Format: https://wiki.ros.org/Bags/Format/2.0. The recorder writes an index after each chunk; a bag that was not closed
+(`.active`) lacks only the last one.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Ros1Bag:
             return self._file.at(chunk.offset + offset, count) if data is None else data[offset : offset + count]
 
         offset = place.inner
-        while True:  # a connection may stand before its first message
+        while True:  # a connection may precede its first message
             length = _u32(at(offset, 4))
             header = _fields(at(offset + 4, length))
             start = offset + 8 + length
@@ -97,7 +97,7 @@ class Ros1Bag:
         return data
 
     def _walk(self) -> None:
-        """All records of the file but the content of chunks; the end is where a record is not whole."""
+        """Read all records except the content of chunks, up to the first incomplete record."""
         offset, chunk = len(MAGIC), -1
         while offset < self._file.size:
             try:
@@ -123,7 +123,9 @@ class Ros1Bag:
                 elif kind == BAG_HEADER:
                     self.damage.unfinished = struct.unpack("<Q", header[b"index_pos"])[0] == 0
                     if header.get(b"encryptor"):
-                        raise InputError("the bag is encrypted, which is not known here")
+                        raise InputError(
+                            "the bag is encrypted, which is not supported; write it again without encryption"
+                        )
             except (InputError, KeyError, ValueError, struct.error) as error:
                 if "encrypted" in str(error):
                     raise
@@ -132,7 +134,7 @@ class Ros1Bag:
             offset = start + size
 
     def _find_connections(self) -> None:
-        """Connections of a bag without the index at its end stand in the chunks, before their first message."""
+        """Connections of a bag without an index at its end are in the chunks, before their first message."""
         for connection, offset, _ in self._index:
             if connection in self._connections:
                 continue

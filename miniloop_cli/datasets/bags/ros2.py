@@ -107,16 +107,16 @@ class Ros2Folder:
             names = [str(name) for name in data["relative_file_paths"]]
             how, what = str(data.get("compression_mode") or "").lower(), str(data.get("compression_format") or "")
         except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(f"{METADATA} is not that of a ROS 2 bag ({type(error).__name__})") from None
+            raise InputError(f"{METADATA} does not describe a ROS 2 bag ({type(error).__name__})") from None
         if how == "file":
             raise InputError("its files are compressed as a whole: unpack them (`ros2 bag convert`, or `zstd -d`)")
         if how == "message" and what != "zstd":
-            raise InputError(f"its messages are compressed by '{what[:20]}', which is not known here")
+            raise InputError(f"the compression '{what[:20]}' of its messages is not supported")
         self._by_message = how == "message"
         # Early versions wrote the name of the folder before each file.
         paths = [within(folder, Path(name).name, f"{METADATA}") for name in names]
         if missing := next((path for path in paths if not path.is_file()), None):
-            raise InputError(f"{METADATA} names {shown(missing.name)}, which is not there")
+            raise InputError(f"{METADATA} names {shown(missing.name)}, which does not exist")
         if not paths:
             raise InputError(f"{METADATA} names no file")
         return paths

@@ -24,12 +24,12 @@ from miniloop_cli.runtime.kept_open import KeptOpen
 from miniloop_cli.scene.image_source import ImageHeader
 
 IN_FOLDER = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-START_BYTES = 1 << 16  # of a compressed image, which hold its header
+START_BYTES = 1 << 16  # of a compressed image, enough for its header
 
 
 @dataclass(frozen=True)
 class BagImage:
-    """An Image or CompressedImage of a bag; it is found by its place, and the bag is opened by the process itself."""
+    """An Image or CompressedImage of a bag, by its position; each process opens the bag itself."""
 
     path: Path
     topic: str
@@ -68,7 +68,7 @@ class BagImage:
             return "unreadable"
 
     def _parts(self, first: int | None) -> tuple[ImageHead, bytes]:
-        """Head, and the pixels as far as the `first` bytes of the message hold them."""
+        """Head, and the part of the pixels in the `first` bytes of the message."""
         data = open_bag(self.path).read(self.place, first)
         head, cursor = image_head(data, Topic(self.topic, self.type, self.wire))
         if first is None:
@@ -77,7 +77,7 @@ class BagImage:
 
 
 def looks_like_bag(path: Path) -> bool:
-    """By the first bytes of a file that is called one; by the files of a folder."""
+    """Whether a file is a bag by its suffix and first bytes, or a folder by its files."""
     if path.is_dir():
         return any(child.name.lower().endswith(IN_FOLDER) and child.is_file() for child in path.iterdir())
     return path.suffix.lower() in (".bag", ".db3", ".mcap", ".active") and path.is_file()
@@ -105,12 +105,12 @@ def _open(path: Path) -> Bag:
             return Ros1Bag(path)
         if start.startswith(b"#ROSBAG"):
             raise InputError("a ROS bag of a format other than 2.0: convert it with `rosbag fix`")
-        raise InputError("empty" if not start else "no ROS bag and no MCAP file")
+        raise InputError("empty" if not start else "neither a ROS bag nor an MCAP file")
     except InputError as error:
         raise InputError(f"{shown(path)}: {error}") from None
     except OSError:
         raise
-    except Exception as error:  # what is damaged in a way that no check foresees
+    except Exception as error:  # damage that no check covers
         if out_of_memory(error):
             raise
         raise InputError(f"{shown(path)} is damaged ({type(error).__name__})") from error

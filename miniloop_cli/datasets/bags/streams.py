@@ -15,9 +15,10 @@ from miniloop_cli.scene.sequence import Note, NoteKind, dropped_images
 
 
 def image_stream(path: Path, topic: Topic, use_received: bool = False) -> Stream:
-    """All images of a topic whose head can be read, in the order in which they were received.
+    """All images of a topic whose head can be read, in the order of reception.
 
-    `use_received`: the times when they were received, which are those of another clock, and late.
+    `use_received`: use the times of reception, which are late and of another clock. Raises InputError if no image can
+    be read.
     """
     sources, stamps, damaged, unstamped, reason = [], [], 0, 0, ""
     for place in topic.places:
@@ -49,22 +50,22 @@ def image_stream(path: Path, topic: Topic, use_received: bool = False) -> Stream
 
 
 def stamped_streams(path: Path, color: Topic, depth: Topic) -> tuple[Stream, Stream]:
-    """Both streams by the stamps of their images; by when they were received where one has none, which is said."""
+    """Both streams by the stamps of their images; if one has none, by the times of reception, with a note."""
     streams = image_stream(path, color), image_stream(path, depth)
     if all(stream.sources for stream in streams):
         return streams
     color_stream, depth_stream = image_stream(path, color, True), image_stream(path, depth, True)
     which = color.name if not streams[0].sources else depth.name
-    text = f"the images of {which} have no stamps: the times when they were received are used, which lag and stray"
+    text = f"the images of {which} have no stamps: the times of their reception are used, which are late and irregular"
     notes = (*color_stream.notes, Note(NoteKind.ASSUMED, text))
     return Stream(**{**vars(color_stream), "notes": notes}), depth_stream
 
 
 def damage_notes(path: Path, bag: Bag) -> tuple[Note, ...]:
-    """What of the bag is missing."""
+    """Notes on missing parts of the bag."""
     damage, name = bag.damage, shown(path.name)
     if damage.cut_at is not None:
-        text = f"{name} was cut off or is damaged at byte {damage.cut_at}: what comes after is not read"
+        text = f"{name} was cut off or is damaged at byte {damage.cut_at}: the rest is not read"
         return (Note(NoteKind.DROPPED, text),)
     if damage.unfinished:
         text = f"{name} was not closed by its recorder: its last messages may be missing"

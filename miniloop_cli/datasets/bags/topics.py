@@ -1,4 +1,4 @@
-"""Which topics of a bag are colour and depth: by type, encoding and name, or as the user says."""
+"""Which topics of a bag are colour and depth: by type, encoding and name, or given by the user."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REGISTERED = re.compile(
 )
 NOT_COLOR = re.compile(r"(rgb|colou?r)_?(to|2)_?depth|infra|(^|/)ir[_/0-9]|confidence|mask|label|debug", re.I)
 NOT_DEPTH = re.compile(r"infra|(^|/)ir[_/0-9]|depth_?(to|2)_?infra|confidence", re.I)
-LOOKED_AT = 5  # messages of a topic, until one can be read
+LOOKED_AT = 5  # messages of a topic that are tried
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ImageTopic:
 
     @property
     def registered(self) -> bool:
-        """Whether the name says that depth lies on the pixels of colour."""
+        """Whether depth is registered to colour, by the name of the topic."""
         return REGISTERED.search(self.name) is not None
 
 
@@ -61,7 +61,7 @@ def parse_topics(text: str) -> dict[str, str]:
 
 
 def image_topics(path: Path, bag: Bag) -> tuple[list[ImageTopic], str]:
-    """The topics that hold images of a known kind, and why others cannot be read ("" if all can)."""
+    """The topics of images of a supported kind, and why others cannot be read ("" if all can)."""
     found, problem = [], ""
     for topic in bag.topics.values():
         if topic.type not in (IMAGE, COMPRESSED):
@@ -95,7 +95,7 @@ def choose_topics(
 ) -> tuple[ImageTopic, ImageTopic]:
     """Colour and depth; `problem` says why other topics were not found.
 
-    Raises InputError where there is none, or where nothing says which of several it is.
+    Raises InputError if there is none, or if several fit.
     """
     color = _named(path, found, topics["color"], bag) if "color" in topics else None
     depth = _named(path, found, topics["depth"], bag) if "depth" in topics else None
@@ -118,7 +118,7 @@ def _named(path: Path, found: list[ImageTopic], name: str, bag: Bag) -> ImageTop
         why = (
             "has no such topic"
             if there is None
-            else f"{there.type}, {len(there.places)} messages: no images known here"
+            else f"{there.type}, {len(there.places)} messages: not images of a supported kind"
         )
         listed = ", ".join(sorted(t.name for t in found)) or "none"
         raise InputError(f"{shown(path)}: {shown(name)}: {why}; its topics of images: {shown(listed)}")
@@ -128,7 +128,7 @@ def _named(path: Path, found: list[ImageTopic], name: str, bag: Bag) -> ImageTop
 def _only(
     path: Path, role: str, fitting: list[ImageTopic], other: ImageTopic | None, bag: Bag, problem: str
 ) -> ImageTopic:
-    """The one topic, in the transport that loses least; of several cameras, that of the other topic's name space."""
+    """The one topic, in the best transport; of several cameras, that in the namespace of the `other` topic."""
     if not fitting:
         listed = ", ".join(f"{t.name} ({t.type}, {len(t.places)})" for t in bag.topics.values() if t.places)
         what = "colour" if role == "color" else role
@@ -141,5 +141,7 @@ def _only(
         bases = [base for base in bases if base.split("/")[1] == space] or bases
     if len(bases) > 1:
         names = ", ".join(bases)
-        raise InputError(f"{shown(path)} has {len(bases)} topics of {role} images: {names}; say --topics {role}=NAME")
+        raise InputError(
+            f"{shown(path)} has {len(bases)} topics of {role} images: {names}; choose one by --topics {role}=NAME"
+        )
     return min((topic for topic in fitting if topic.base == bases[0]), key=lambda topic: topic.topic.type != IMAGE)

@@ -1,6 +1,6 @@
-"""Messages of ROS as bytes: those of images, cameras and transforms, in the encoding of ROS 1 and in CDR (ROS 2).
+"""Decoding of ROS messages: images, cameras and transforms, in the encoding of ROS 1 and in CDR (ROS 2).
 
-Both write the fields one after the other. CDR begins with four bytes that tell the byte order, aligns each number to
+Both encodings list the fields in order. CDR begins with four bytes that give the byte order, aligns each number to
 its size, and ends strings by a zero; a ROS 1 header also has a counter.
 """
 
@@ -21,21 +21,21 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TF_MESSAGES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 TRANSFORM, FLOAT32 = "geometry_msgs/msg/Transform", "std_msgs/msg/Float32"
 WIRES = ("ros1", "cdr")
-HEAD_BYTES = 1024  # that hold the header and description of an image, with names of usual length
+HEAD_BYTES = 1024  # enough for the header and description of an image with names of usual length
 MAX_TEXT, MAX_ITEMS = 4096, 10_000
 
 
 class Cursor:
-    """Reads fields in order. Raises InputError (reason only) where the message is too short."""
+    """Reads fields in order. Raises InputError (reason only) if the message is too short."""
 
     def __init__(self, data: bytes, wire: str) -> None:
         self._data, self._aligned = data, wire == "cdr"
         self._order, self.at = "<", 0
         if wire not in WIRES:
-            raise InputError(f"messages are encoded as '{wire[:20]}', not by ROS")
+            raise InputError(f"the message encoding '{wire[:20]}' is not supported")
         if self._aligned:
             if data[:2] not in (b"\0\0", b"\0\1"):
-                raise InputError("a damaged message, or one of an encoding other than plain CDR")
+                raise InputError("the message is damaged or not in plain CDR")
             self._order, self.at = "><"[data[1]], 4
 
     def numbers(self, kind: str, count: int = 1) -> list:
@@ -71,7 +71,7 @@ class Cursor:
         return seconds * 10**9 + nanoseconds, self.text()
 
     def rest(self) -> bytes:
-        """The bytes of a sequence of uint8, as long as it says."""
+        """The bytes of a sequence of uint8 of the stated length."""
         length = self.number("I")
         if self.at + length > len(self._data):
             raise InputError("the message ends before its image")
@@ -80,7 +80,7 @@ class Cursor:
 
 @dataclass(frozen=True)
 class ImageHead:
-    """What an image message says before its pixels; of a compressed one, `encoding` is its format."""
+    """The fields of an image message before its pixels; of a compressed one, `encoding` is its format."""
 
     stamp_ns: int
     frame: str
@@ -105,7 +105,7 @@ def image_head(data: bytes, topic: Topic) -> tuple[ImageHead, Cursor]:
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """A sensor_msgs/CameraInfo as far as it is used."""
+    """The used fields of a sensor_msgs/CameraInfo."""
 
     frame: str
     height: int
@@ -119,7 +119,7 @@ class CameraInfo:
 
 
 def camera_info(data: bytes, wire: str) -> CameraInfo:
-    """Raises InputError (reason only)."""
+    """A decoded CameraInfo. Raises InputError (reason only)."""
     cursor = Cursor(data, wire)
     _, frame = cursor.header()
     height, width = cursor.numbers("I", 2)
@@ -154,5 +154,5 @@ def _pose(cursor: Cursor) -> Floats:
     t, q = np.array(cursor.numbers("d", 3)), np.array(cursor.numbers("d", 4))
     norm = np.linalg.norm(q)
     if not (np.isfinite(t).all() and abs(norm - 1) < 0.02):
-        raise InputError("a transform that is no rigid motion")
+        raise InputError("a transform is not a rigid motion")
     return se3.pose(se3.rotations(q / norm), t)

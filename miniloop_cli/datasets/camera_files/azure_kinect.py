@@ -32,7 +32,7 @@ SIZES = (("width", "height"), ("resolution_width", "resolution_height"))
 
 
 def matches(data: dict) -> bool:
-    """By the lens' centre, which only its SDK names, at the top or a level below."""
+    """By the name of the lens centre, which only this SDK uses, at the top or a level below."""
     return "codx" in data or any(isinstance(value, dict) and "codx" in value for value in data.values())
 
 
@@ -66,7 +66,9 @@ def read_raw(fields: Fields) -> Reading:
     width, height = _image_size(fields)
     whole = width * camera.number("SensorHeight") / max(camera.number("SensorWidth"), 1)
     if width * 3 not in (height * 4, height * 16 / 3):
-        raise fields.fault(f"{width:g} x {height:g} is no size of Azure Kinect's colour images, which are 4:3 or 16:9")
+        raise fields.fault(
+            f"{width:g} x {height:g} is not a size of Azure Kinect's colour images, which are 4:3 or 16:9"
+        )
     values = {"fx": raw["fx"] * width, "cx": raw["cx"] * width - 0.5, "fy": raw["fy"] * whole}
     values |= {"cy": raw["cy"] * whole - 0.5 - (whole - height) / 2, "width": width, "height": height}
     return Reading(_lens(kind) | values | depth_scale(fields, "depth_scale"), f"colour at {width:g} x {height:g}")
@@ -75,13 +77,13 @@ def read_raw(fields: Fields) -> Reading:
 def read_raw_depth(fields: Fields) -> tuple[Values, Floats]:
     """The depth camera of calibration.json for depth images of `image_size`, and (4, 4) T_color_depth (m).
 
-    Each mode reads a part of the sensor, binned or not; the place of a camera is relative to the depth camera. Raises
+    Each mode reads a part of the sensor, binned or not; poses of cameras are relative to the depth camera. Raises
     ConfigError.
     """
     information = fields.section("CalibrationInformation")
     depth, color = _camera(information, "D0", "the depth camera"), _camera(information, "PV0", "the colour camera")
     if fields.image_size not in DEPTH_MODES:
-        raise fields.fault(f"{fields.image_size} is no size of Azure Kinect's depth images")
+        raise fields.fault(f"{fields.image_size} is not a size of Azure Kinect's depth images")
     width, height = fields.image_size or (0, 0)
     whole, left, top = DEPTH_MODES[width, height]
     intrinsics = depth.section("Intrinsics")
@@ -97,7 +99,7 @@ def _camera(information: Fields, location: str, what: str) -> Fields:
     entries = [entry for entry in cameras if isinstance(entry, dict)] if isinstance(cameras, list) else []
     found = [entry for entry in entries if str(entry.get("Location", "")).endswith(location)]
     if len(found) != 1:
-        raise information.fault(f"Cameras must hold one whose Location ends in {location}, {what}")
+        raise information.fault(f"Cameras must have one entry whose Location ends in {location}, {what}")
     return Fields(found[0], information.where, name=f"Cameras.{location}")
 
 
@@ -106,7 +108,7 @@ def _place(camera: Fields) -> Floats:
     rt = camera.section("Rt")
     R, t = np.array(rt.numbers("Rotation", (9,))).reshape(3, 3), np.array(rt.numbers("Translation", (3,)))
     if np.abs(R @ R.T - np.eye(3)).max() > 0.01 or np.linalg.det(R) < 0 or np.abs(t).max() > 1:
-        raise rt.fault("no rotation and translation in metres")
+        raise rt.fault("it is not a rotation and a translation in metres")
     return se3.pose(se3.project_so3(R), t)
 
 
@@ -125,11 +127,11 @@ def _intrinsics(fields: Fields, sized: Fields) -> Values:
 def _lens(fields: Fields) -> Values:
     values = {key: fields.number(key) if key in fields else 0.0 for key in (*RAW[4:10], "p1", "p2")}
     if any(key in fields and fields.number(key) for key in ("codx", "cody")):
-        raise fields.fault("a centre of the lens (codx, cody) other than 0 is not known here")
+        raise fields.fault("a lens centre (codx, cody) other than 0 is not supported")
     kind = " ".join(str(fields.data.get(key, "")) for key in ("type", "model", "ModelType")).lower()
-    # The older model has half the weight on the mixed tangential term.
+    # In the older model, the mixed tangential term has half the weight.
     if "6kt" in kind and (values["p1"] or values["p2"]):
         raise fields.fault(
-            "the lens model Rational6KT with p1, p2 other than 0 is not known here; only Brown-Conrady is"
+            "the lens model Rational6KT with p1, p2 other than 0 is not supported; only Brown-Conrady is"
         )
     return {"lens": "radial-tangential"} | values

@@ -23,7 +23,7 @@ _ROW = re.compile(r"\d+[\s,]+[A-Z][A-Z_]+[\s,]+[\d.]+[\s,]", re.ASCII)
 
 
 def matches(text: str) -> bool:
-    """By the first line that is no comment."""
+    """By the first line that is not a comment."""
     line = next((line for line in map(str.strip, text.splitlines()) if line and not line.startswith("#")), "")
     return _ROW.match(line) is not None
 
@@ -35,7 +35,7 @@ def read(text: str, where: str, image_size: tuple[int, int] | None) -> Reading:
         if line.strip() and not line.lstrip().startswith("#"):
             name, values = _camera(line.replace(",", " ").split(), f"{where}:{number}")
             if name in cameras:
-                raise ConfigError(f"{where}:{number}: {name} stands twice")
+                raise ConfigError(f"{where}:{number}: {name} is given twice")
             cameras[name] = values
     different: dict[tuple[tuple[str, float], ...], str] = {}
     for name, values in cameras.items():
@@ -50,7 +50,7 @@ def _camera(words: list[str], where: str) -> tuple[str, Values]:
         raise ConfigError(f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS")
     model = words[1]
     if model not in MODELS:
-        raise ConfigError(f"{where}: camera model {model} is not known here; known are {', '.join(MODELS)}")
+        raise ConfigError(f"{where}: camera model {model} is not supported; supported are {', '.join(MODELS)}")
     names = MODELS[model].split()
     try:
         width, height, *parameters = (float(word) for word in words[2:])

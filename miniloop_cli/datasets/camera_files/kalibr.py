@@ -60,7 +60,9 @@ def _camera(camera: Fields) -> Values:
     camera.known((*USED, "depth_scale"), IGNORED)
     model = camera.text("camera_model")
     if model != "pinhole":
-        raise camera.fault(f"camera_model is {model}; known is pinhole: calibrate with pinhole-radtan or pinhole-equi")
+        raise camera.fault(
+            f"camera_model is {model}; only pinhole is supported: calibrate with pinhole-radtan or pinhole-equi"
+        )
     values = dict(zip(("fx", "fy", "cx", "cy"), camera.numbers("intrinsics", (4,)), strict=True))
     values |= dict(
         zip(("width", "height"), camera.numbers("resolution", (2,), f"[width, height], {SIZE}"), strict=True)
@@ -72,4 +74,4 @@ def _camera(camera: Fields) -> Values:
         return values | fisheye_lens(camera, k)
     if lens in ("radtan", "radial-tangential", "plumb_bob") or not k:
         return values | opencv_lens(camera, k)
-    raise camera.fault(f"distortion_model is {lens}; known are radtan and equidistant")
+    raise camera.fault(f"distortion_model is {lens}; supported are radtan and equidistant")

@@ -26,7 +26,7 @@ def matches(data: dict) -> bool:
 
 
 def read(fields: Fields) -> Reading:
-    """The camera. Raises ConfigError, also where frames have different ones."""
+    """The camera. Raises ConfigError, also if frames have different ones."""
     fields.known(USED, IGNORED)
     frames = fields.data.get("frames", [])
     own = (*PINHOLE, *LENS, "w", "h")
@@ -51,16 +51,16 @@ def _lens(fields: Fields) -> Values:
             raise fields.fault("a fisheye lens has no p1 and p2")
         return fisheye_lens(fields, [k["k1"], k["k2"], k["k3"], k["k4"]])
     if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE"):
-        raise fields.fault(f"camera_model is {model}; known are OPENCV, OPENCV_FISHEYE and PINHOLE")
+        raise fields.fault(f"camera_model is {model}; supported are OPENCV, OPENCV_FISHEYE and PINHOLE")
     if model != "OPENCV" and any(k.values()):
         raise fields.fault(f"camera_model is {model}, but there are coefficients of a lens")
     if k.pop("k4"):
-        raise fields.fault("k4 of an OPENCV lens (the term r^8) is not known here")
+        raise fields.fault("k4 of an OPENCV lens (the term r^8) is not supported")
     return opencv_lens(fields, list(k.values()))
 
 
 def _depth(fields: Fields) -> Values:
-    """Units a metre, of the metres a unit that the file has."""
+    """Units a metre, from the metres a unit in the file."""
     if "depth_unit_scale_factor" not in fields:
         return {}
     metres = fields.number("depth_unit_scale_factor")

@@ -17,7 +17,7 @@ DISTORTION = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs"
 SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"), ("width", "height"))
 ROS_LENSES = {"plumb_bob": opencv_lens, "rational_polynomial": opencv_lens}
 ROS_LENSES |= {"radtan": opencv_lens, "equidistant": fisheye_lens, "fisheye": fisheye_lens}
-# What OpenCV's calibration sample and ROS write besides.
+# Further keys of OpenCV's calibration sample and of ROS.
 IGNORED = tuple(
     """
     calibration_time nframes nr_of_frames nrOfFrames board_width board_height board_Width board_Height
@@ -42,7 +42,7 @@ def matches_ros(data: dict) -> bool:
 
 
 def read(fields: Fields) -> Reading:
-    """OpenCV's: the number of coefficients says which, a fisheye says so. Raises ConfigError."""
+    """OpenCV's: the lens by the number of coefficients, or a stated fisheye. Raises ConfigError."""
     sizes = [key for pair in SIZES for key in pair]
     fields.known(
         (*MATRIX, *DISTORTION, *sizes, "image_size", "fisheye_model", "depth_scale", "DepthMapFactor"), IGNORED
@@ -58,7 +58,7 @@ def read(fields: Fields) -> Reading:
 
 
 def read_ros(fields: Fields) -> Reading:
-    """ROS': `distortion_model` says which lens. Raises ConfigError, also for a part of the image or a binned one."""
+    """ROS': the lens by `distortion_model`. Raises ConfigError, also for a part of the image or a binned one."""
     sizes = [key for pair in SIZES for key in pair]
     fields.known((*MATRIX, *DISTORTION, *sizes, "distortion_model", "depth_scale", *FULL_FRAME), IGNORED)
     for name in ("binning_x", "binning_y"):
@@ -69,7 +69,7 @@ def read_ros(fields: Fields) -> Reading:
     model, key = fields.text("distortion_model"), _only(fields, DISTORTION)
     k = fields.numbers(key, range(15)) if key else []
     if model not in ROS_LENSES and (k or model not in ("", "none")):
-        raise fields.fault(f"distortion_model is '{model}'; known are {', '.join(ROS_LENSES)}")
+        raise fields.fault(f"distortion_model is '{model}'; supported are {', '.join(ROS_LENSES)}")
     if model == "plumb_bob" and any(k[5:]):
         raise fields.fault("more than 5 coefficients; those of distortion_model: rational_polynomial are 8")
     lens = ROS_LENSES.get(model, opencv_lens)(fields, k)
@@ -77,7 +77,7 @@ def read_ros(fields: Fields) -> Reading:
 
 
 def _of_file_storage(value: object) -> bool:
-    """Whether OpenCV wrote a matrix: it notes the type of the numbers."""
+    """Whether OpenCV wrote a matrix, by the type of its numbers."""
     return isinstance(value, dict) and "dt" in value
 
 
@@ -93,8 +93,8 @@ def _size(fields: Fields) -> Values:
 
 
 def _only(fields: Fields, keys: tuple[str, ...]) -> str | None:
-    """The one of several names for a thing that is there."""
+    """The one of several alternative keys that exists."""
     there = [key for key in keys if key in fields]
     if len(there) > 1:
-        raise fields.fault(f"both {there[0]} and {there[1]} are there; leave one")
+        raise fields.fault(f"both {there[0]} and {there[1]} are given; keep one")
     return there[0] if there else None

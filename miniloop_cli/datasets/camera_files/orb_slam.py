@@ -1,4 +1,4 @@
-"""ORB-SLAM2 and 3 (OpenCV's YAML with keys like Camera.fx, Camera1.fx) and stella_vslam, which took over the keys."""
+"""ORB-SLAM2 and 3 (OpenCV's YAML with keys like Camera.fx, Camera1.fx) and stella_vslam, with the same keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PINHOLE = ("pinhole", "rectified", "perspective")
 FISHEYE = ("kannalabrandt8", "fisheye")
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4")
 IMAGE = ("width", "height", "cols", "rows", "type", "model")
-# Rates, baselines and orders of colours say nothing about the camera; other groups of keys (Viewer, IMU) neither.
+# Rates, baselines and orders of colours do not concern the camera, nor do other groups of keys (Viewer, IMU).
 IGNORED = tuple(
     """
     fps RGB bf b name setup color_order focal_x_baseline depth_threshold imageScale newWidth newHeight
@@ -40,7 +40,7 @@ def read(fields: Fields) -> Reading:
     _check_keys(fields, own)
     model = fields.text("Camera.type", fields.text("Camera.model", "pinhole"))
     if model not in PINHOLE + FISHEYE:
-        raise fields.fault(f"Camera.type is {model}; known are PinHole, Rectified and KannalaBrandt8")
+        raise fields.fault(f"Camera.type is {model}; supported are PinHole, Rectified and KannalaBrandt8")
     values = {key: fields.number(f"{own}.{key}") for key in ("fx", "fy", "cx", "cy")}
     size = fields.size(("Camera.width", "Camera.height"), ("Camera.cols", "Camera.rows"))
     names = ("k1", "k2", "k3", "k4") if model in FISHEYE else ("k1", "k2", "p1", "p2", "k3")
@@ -56,7 +56,7 @@ def read(fields: Fields) -> Reading:
 def _check_keys(fields: Fields, own: str) -> None:
     """Of the camera's group every key must be known. Other groups (Viewer, IMU) and flat keys are the program's.
 
-    Raises ConfigError, also for a group or flat key that is nearly one of ours. Camera2 is the second of a pair.
+    Raises ConfigError, also for a group or flat key that is similar to one of ours. Camera2 is the second of a pair.
     """
     used = [*(f"{own}.{name}" for name in LENS), *(f"Camera.{name}" for name in IMAGE), *DEPTH]
     ignored = [f"{group}.{name}" for group in OWN_GROUPS for name in IGNORED] + list(IGNORED)

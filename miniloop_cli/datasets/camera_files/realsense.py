@@ -60,7 +60,7 @@ def read_listing(text: str, where: str, image_size: tuple[int, int] | None) -> R
         key, colon, value = line.partition(":")
         if header := _HEADER.match(line):
             title = " ".join(line.split("{")[0].split()[2:]).rstrip("/ ")
-            # One heading a format: the same size may come again.
+            # There is one heading for each format, so a size may be repeated.
             current = streams.setdefault(title, {}) if header[1].lower() in ("color", "colour", "rgb") else None
         elif not line.strip():
             current = None
@@ -95,15 +95,15 @@ def _intrinsics(fields: Fields) -> Values:
         return values | opencv_lens(fields, k)
     if model == "kannalabrandt4":
         return values | fisheye_lens(fields, k[:4] if not any(k[4:]) else k)
-    # Tools and versions of the SDK disagree on what the inverse model means.
+    # Tools and versions of the SDK disagree on the meaning of the inverse model.
     raise fields.fault(
-        f"the lens model '{model or 'that no key names'}' with coefficients other than 0 is not known here; "
+        f"the lens model '{model or 'that no key names'}' with coefficients other than 0 is not supported; "
         "calibrate the colour camera with OpenCV, ROS or Kalibr"
     )
 
 
 def _model(fields: Fields) -> str:
-    """The name of the lens model in small letters; '' where no key names it."""
+    """The name of the lens model in lower case; '' if no key names it."""
     for key in ("model", "distortion_model", "distortion"):
         value = fields.data.get(key)
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < len(MODELS):

@@ -30,7 +30,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_mapping(text: str, path: Path) -> Any:
-    """What a text in JSON, YAML or OpenCV's XML says. Raises InputError naming the file, and the line where known."""
+    """The content of a text in JSON, YAML or OpenCV's XML. Raises InputError naming the file, and the line if known."""
     start = text.lstrip()[:1]
     if start == "<":
         return _parse_xml(text, shown(path))
@@ -44,12 +44,12 @@ def _looks_like_json(text: str) -> bool:
 
 
 def _once(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
-    """Keys and values as a mapping. Raises InputError for a key that stands twice."""
+    """Keys and values as a mapping. Raises InputError for a repeated key."""
     found = dict(pairs)
     if len(found) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"{where}: key '{shown(twice[:40])}' stands twice")
+        raise InputError(f"{where}: key '{shown(twice[:40])}' is given twice")
     return found
 
 
@@ -67,7 +67,7 @@ def _parse_yaml(text: str, where: str) -> Any:
 
     if len(text) > MAX_YAML_BYTES:
         raise InputError(f"{where}: {len(text) >> 10} kB of YAML, more than the {MAX_YAML_BYTES >> 10} kB allowed")
-    # PyYAML refuses OpenCV's header. The line stays, so that those of errors are right. ROS ends messages with ---.
+    # PyYAML refuses OpenCV's header. Its line is kept, so that line numbers are right. ROS ends messages with ---.
     plain = re.sub(r"\n---\s*\Z", "\n", _YAML_HEADER.sub(r"\1", text).replace("\t", " "))
     try:
         return load_plain(plain, _loader())
@@ -80,9 +80,9 @@ def _parse_yaml(text: str, where: str) -> Any:
 
 @cache
 def _loader() -> type:
-    """YAML's safe loader with the numbers of YAML 1.2, OpenCV's matrices, and no key twice.
+    """YAML's safe loader with the numbers of YAML 1.2 and OpenCV's matrices; it refuses repeated keys.
 
-    YAML 1.1 takes 1e-5 for text, 0640 for octal, 1_0 and 5:25 for numbers.
+    YAML 1.1 reads 1e-5 as text, 0640 as octal, 1_0 and 5:25 as numbers.
     """
     import yaml
 
@@ -92,7 +92,7 @@ def _loader() -> type:
             for k, key in enumerate(keys):
                 if key in keys[:k]:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"key '{shown(key[:40])}' stands twice", node.value[k][0].start_mark
+                        None, None, f"key '{shown(key[:40])}' is given twice", node.value[k][0].start_mark
                     )
             return super().construct_mapping(node, deep)
 

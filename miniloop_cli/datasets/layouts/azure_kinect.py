@@ -56,7 +56,7 @@ class AzureKinect:
         text = f"depth is registered to colour by {CALIBRATION} ({1000 * np.linalg.norm(T[:3, 3]):.1f} mm apart)"
         notes = [*pairs.notes, Note(NoteKind.CONVERTED, text)]
         if video.cut_at is not None:
-            text = f"{shown(root.name)} was cut off or is damaged at byte {video.cut_at}: what comes after is not read"
+            text = f"{shown(root.name)} was cut off or is damaged at byte {video.cut_at}: the rest is not read"
             notes.insert(0, Note(NoteKind.DROPPED, text))
         return Sequence(
             root.stem,
@@ -84,7 +84,9 @@ def _track(where: str, video: Matroska, name: str, kinds: dict[str, str]) -> Tra
     track = found[0]
     if track.fourcc not in kinds or track.encoded:
         what = f"compressed ({shown(track.fourcc)})" if track.encoded else shown(track.fourcc)
-        raise InputError(f"{where}: track {name} is {what}; known are {', '.join(kinds)}: give the file of k4arecorder")
+        raise InputError(
+            f"{where}: track {name} is {what}; supported are {', '.join(kinds)}: give the file that k4arecorder wrote"
+        )
     return track
 
 
@@ -105,12 +107,12 @@ def _stream(root: Path, video: Matroska, track: Track, kinds: dict[str, str]) ->
 
 
 def _cameras(where: str, video: Matroska, color: Track, depth: Track) -> tuple[Camera, DepthCamera]:
-    """The colour camera, and the depth camera with its place. Raises InputError for what calibration.json lacks."""
+    """The colour camera, and the depth camera with its pose. Raises InputError for missing entries."""
     data = video.attachments.get(video.tags.get("K4A_CALIBRATION_FILE", CALIBRATION)) or video.attachments.get(
         CALIBRATION
     )
     if not data:
-        raise InputError(f"{where} has no {CALIBRATION} attached: the depth camera, and its place, are not known")
+        raise InputError(f"{where} has no {CALIBRATION} attached: the depth camera and its pose are not known")
     try:
         values = json.loads(data.rstrip(b"\0").decode("utf-8-sig"))
     except (ValueError, RecursionError):
@@ -126,7 +128,7 @@ def _cameras(where: str, video: Matroska, color: Track, depth: Track) -> tuple[C
         raise InputError(str(error)) from None
     fx, fy, cx, cy = (float(measured[key]) for key in ("fx", "fy", "cx", "cy"))
     lens = radial_tangential_lens(*(measured[key] for key in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")))
-    # Its lens need not be sound in the corners, where a wide field of view has no readings.
+    # Its lens may be invalid in the corners, where a wide field of view has no readings.
     camera = Camera(
         fx, fy, cx, cy, depth.width, depth.height, DEPTH_SCALE, lens, source=f"the recording's {CALIBRATION}"
     )

@@ -25,8 +25,8 @@ from miniloop_cli.scene.sequence import Note, NoteKind, Sequence, Trajectory, dr
 WIDTH, HEIGHT = 640, 480
 PIXELS = WIDTH * HEIGHT
 FRAME = struct.Struct("<qii")
-SOURCE = "ElasticFusion's default (528 528 320 240): a log names no camera; --camera FILE is more accurate"
-ORDER = "colour is taken as RGB; some loggers swap red and blue (ElasticFusion's -f), which a log does not say"
+SOURCE = "ElasticFusion's default (528 528 320 240): a log does not name the camera; --camera FILE is more accurate"
+ORDER = "colour is read as RGB; some loggers swap red and blue (ElasticFusion's -f), which a log does not say"
 
 
 class ElasticFusion:
@@ -63,7 +63,7 @@ class ElasticFusion:
 
 
 def _walk(root: Path) -> tuple[list[int], tuple[FileBlock, ...], tuple[FileBlock, ...], int, str]:
-    """Stamps, colour and depth of all whole frames, the number that the log claims, and how it ends."""
+    """Stamps, colour and depth of all whole frames, the number stated by the log, and a note on its end."""
     stamps: list[int] = []
     color: list[FileBlock] = []
     depth: list[FileBlock] = []

@@ -76,7 +76,7 @@ def _camera(path: Path) -> Camera:
     model, k = sensor.get("distortion_model", "none"), _data(sensor.get("distortion_coefficients"))
     if isinstance(k, list) and any(k):
         if model != "radial-tangential" or len(k) not in (4, 5):
-            raise InputError(f"{where}: a lens '{shown(str(model)[:40])}' with {len(k)} coefficients is not known here")
+            raise InputError(f"{where}: a lens '{shown(str(model)[:40])}' with {len(k)} coefficients is not supported")
         values |= dict(zip(LENS, numbers(k, len(k), f"{where}: distortion_coefficients").tolist(), strict=False))
     return make_camera(values | {"depth_scale": 1000.0}, where, f"{CAMERA} of the sequence's own {path.name}")
 

@@ -89,7 +89,9 @@ class RealSenseBag:
         found = [t for name, t in bag.topics.items() if (m := IMAGES.fullmatch(name)) and m[2].lower() == role]
         if len(found) != 1:
             names = ", ".join(sorted(topic.name for topic in found)) or "none"
-            raise InputError(f"{shown(root)} has {len(found)} streams of {role} ({names}); say --topics {role}=NAME")
+            raise InputError(
+                f"{shown(root)} has {len(found)} streams of {role} ({names}); choose one by --topics {role}=NAME"
+            )
         return found[0]
 
     def _camera(self, root: Path, bag: Bag, image: Topic, depth_scale: float) -> Camera:
@@ -115,13 +117,13 @@ def _option(depth: Topic) -> str:
 
 
 def _depth_scale(root: Path, bag: Bag, depth: Topic) -> float | None:
-    """Stored units a metre, None where the bag does not state them."""
+    """Stored units a metre, None if the bag does not state them. Raises InputError for an impossible unit."""
     topic = bag.topics.get(_option(depth)) or bag.topics.get(_option(depth).replace("_Units", " Units"))
     if topic is None or topic.type != FLOAT32 or not topic.places:
         return None
     unit_m = _message(root, bag, topic, float32)
     if not PLAUSIBLE_UNITS_M[0] <= unit_m <= PLAUSIBLE_UNITS_M[1]:
-        raise InputError(f"{shown(root)}: {topic.name} is {unit_m:g} m, which is no unit of depth")
+        raise InputError(f"{shown(root)}: {topic.name} is {unit_m:g} m, which cannot be a unit of depth")
     return float(f"{1 / unit_m:.6g}")  # the unit is a 32-bit float
 
 
@@ -136,7 +138,7 @@ def _transform(root: Path, bag: Bag, color: Topic, depth: Topic) -> Floats:
             if name.startswith(start) and topic.type == TRANSFORM and topic.places
         }
         if not found:
-            raise InputError(f"{shown(root)} lacks {start}0, the place of {image.name} among the device's cameras")
+            raise InputError(f"{shown(root)} lacks {start}0, the pose of {image.name} on the device")
         ways.append(found)
     common = sorted(ways[0].keys() & ways[1].keys())
     if not common:

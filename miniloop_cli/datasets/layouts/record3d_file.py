@@ -73,12 +73,14 @@ class Record3DFile:
 def _folder(root: Path) -> Path:
     folder = inside(root) if root.is_file() else root
     if not (folder / "metadata").is_file() or not (folder / "rgbd").is_dir():
-        raise InputError(f"{shown(root)} holds no metadata and rgbd/: no recording of Record3D, or an incomplete one")
+        raise InputError(
+            f"{shown(root)} holds no metadata and rgbd/: it is not a recording of Record3D, or it is incomplete"
+        )
     return folder
 
 
 def _size(data: dict[str, Any], depth: Stream) -> tuple[int, int]:
-    """Width and height (px) of the depth images: stated, or by how many values the first one holds."""
+    """Width and height (px) of the depth images: stated, or from the number of values of the first one."""
     stated = data.get("dw"), data.get("dh")
     if all(isinstance(side, int) and 1 <= side <= 1 << 14 for side in stated):
         return int(stated[0] or 0), int(stated[1] or 0)
@@ -98,12 +100,12 @@ def _path(source: ImageSource) -> Path:
 
 
 def _quiet(stream: Stream) -> Stream:
-    """Without the note that files of other suffixes are not used: they are, in another stream."""
+    """The stream without the note on files of other suffixes, as another stream uses them."""
     return replace(stream, notes=tuple(note for note in stream.notes if note.kind != NoteKind.UNUSED))
 
 
 def _images(stream: Stream, size: tuple[int, int], dtype: str) -> Stream:
-    """A stream of files as the images that they hold."""
+    """A stream of files as the images in them."""
     return replace(stream, sources=tuple(LzfseImage(_path(source), *size, dtype) for source in stream.sources))
 
 

@@ -35,7 +35,7 @@ class RosBag:
         return not isinstance(root, ArchivePath) and looks_like_bag(root)
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in the bag. Raises InputError naming what is missing, and what --topics is to choose."""
+        """The sequence in the bag. Raises InputError naming what is missing, and the choices for --topics."""
         bag = open_bag(root)
         found, problem = image_topics(root, bag)
         color, depth = choose_topics(root, found, self.topics, bag, problem)
@@ -59,7 +59,7 @@ class RosBag:
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """None: a bag does not say which of its poses are the camera's."""
+        """None, as a bag does not state which of its poses are the camera's."""
         return None
 
 
@@ -83,13 +83,13 @@ def _depth_camera(
     infos: tuple[tuple[str, CameraInfo] | None, tuple[str, CameraInfo] | None],
     camera: Camera,
 ) -> tuple[DepthCamera | None, Note]:
-    """The depth camera where depth is not registered to colour, and what was done about it."""
+    """The depth camera if depth is not registered to colour, and a note."""
     color, depth = topics
     info = infos[1]
     chosen = f"colour from {color.name}, depth from {depth.name}"
     one_frame = color.head.frame.lstrip("/") == depth.head.frame.lstrip("/") and color.head.frame != ""
     if depth.registered or (one_frame and (info is None or _same(info[1], camera))):
-        why = "by its name" if depth.registered else "as both are of one frame and camera"
+        why = "by its name" if depth.registered else "as both have the same frame and camera"
         return None, Note(NoteKind.PAIRED, f"{chosen}, which is registered to colour {why}")
     T = np.eye(4) if one_frame else transform_between(bag, color.head.frame, depth.head.frame)
     missing = []

@@ -58,7 +58,7 @@ class ScanNetPP:
             frames, moved = with_own_cameras(frames, own, camera)
             notes = (*notes, *moved)
         if (folder / "rgb_mask.mkv").exists():
-            notes = (*notes, Note(NoteKind.UNUSED, "rgb_mask.mkv is not used: what it hides is part of the images"))
+            notes = (*notes, Note(NoteKind.UNUSED, "rgb_mask.mkv is not used: the pixels that it masks are used"))
         truth = folder / FRAMES if any("aligned_pose" in entry for entry in entries.values()) else None
         form = DepthFormat(floating=True, resample=True)
         return Sequence(root.name, root, camera, frames, truth, notes, found.available, form)
@@ -91,12 +91,12 @@ def _folder(root: Path) -> Path:
 
 
 def _entries(path: Path) -> dict[int, dict[str, Any]]:
-    """What the JSON says of each frame, by its number, in their order. Raises InputError."""
+    """The entries of the JSON by frame number, in order. Raises InputError."""
     found = {}
     for name, entry in read_json(path).items():
         number = frame_number(name)
         if number is None or not name.startswith("frame_") or not isinstance(entry, dict):
-            raise InputError(f"{shown(path)}: '{shown(name[:40])}' is no frame; expected frame_000000: {{...}}")
+            raise InputError(f"{shown(path)}: '{shown(name[:40])}' is not a frame; expected frame_000000: {{...}}")
         found[number] = entry
     if not found:
         raise InputError(f"{shown(path)} has no frames")

@@ -1,4 +1,4 @@
-"""What the 3D view shows of a map of several recordings: one scene of all, with the edges that join them."""
+"""The 3D view of a map of several recordings: one scene of all, with the edges that join them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from miniloop_cli.scene.scene_map import MapPart, SceneMap
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bytes, Floats, Ints
 
-NOT_USED = "it was solved, but the map does not rest on it: other edges or what the images show speak against it"
+NOT_USED = "it was solved, but the map does not use it: other edges or the images contradict it"
 SHARED = ("solvers", "solver_words", "verdicts", "packed", "left_out")  # of edges: not a column
 
 Values = dict[str, Any]
@@ -39,7 +39,7 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class MapData:
-    """A map with what is in the folder of each recording; T_shown (r, 4, 4): to where each is set down in the view."""
+    """A map with the folder of each recording; T_shown (r, 4, 4): from its world to the view."""
 
     name: str
     content: SceneMap
@@ -53,7 +53,7 @@ class MapData:
 
 
 def load_map(result: Path, content: SceneMap, with_images: bool = True) -> MapData:
-    """Read the folders of the recordings. Raises InputError where a file in one is malformed."""
+    """Read the folders of the recordings. Raises InputError if a file in one is malformed."""
     runs = []
     for part in content.parts:
         folder = result / part.name
@@ -63,7 +63,7 @@ def load_map(result: Path, content: SceneMap, with_images: bool = True) -> MapDa
 
 
 def cloud_files(data: MapData, result: Path) -> list[tuple[Path, Floats]]:
-    """The map's cloud, and those of recordings that are not joined to it, each with (4, 4) to where it is shown."""
+    """The map's cloud, and those of recordings that are not joined to it, each with (4, 4) to the view."""
     files: list[tuple[Path, Floats]] = [(result / CLOUD, np.eye(4))]
     for part, piece, T in zip(data.content.parts, data.content.joined.piece, data.T_shown, strict=True):
         if piece:
@@ -81,11 +81,11 @@ def map_cloud(data: MapData, result: Path) -> tuple[NDArray[np.floating], Bytes]
 
 
 def map_scene(data: MapData) -> Values:
-    """As `scene` gives it of one recording; frames are counted through the recordings, which `recordings` lists."""
+    """As `scene` for one recording; frames are counted through the recordings, which `recordings` lists."""
     scenes = [_recording(data, r) for r in range(len(data.runs))]
     piece = data.content.joined.piece
     main = np.concatenate([T for r, T in enumerate(map_trajectories(data.content)) if piece[r] == 0])
-    leveled = data.runs[int((piece == 0).argmax())].results.leveled  # the others were moved to the first one's world
+    leveled = data.runs[int((piece == 0).argmax())].results.leveled  # the others are shown in the first one's world
     truth = [one["truth"] or [None] * len(one["frames"]["pose"]) for one in scenes]
     return {
         "name": data.name,
@@ -102,7 +102,7 @@ def map_scene(data: MapData) -> Values:
 
 
 def _recording(data: MapData, r: int) -> Values:
-    """The scene of one recording, where it is set down; its frames that hang together apart have no place here."""
+    """The scene of one recording in the view; its frames in separate pieces are left out."""
     run, T_shown = data.runs[r], data.T_shown[r]
     has_poses = (run.results.root / "trajectory.txt").is_file()
     shown = scene(run, against_truth(run, run.results.trajectory if has_poses else None))
@@ -173,7 +173,7 @@ def _between(data: MapData, a: int, b: int, table: EdgeTable) -> Values:
         "rejection": [""] * len(table),
         "reason": ["" if own else NOT_USED for own in verified],
         "cycle": [str(number) if number >= 0 else "" for number in table.cycle.tolist()],
-        "matches": [None] * len(table),  # only those that agree are kept
+        "matches": [None] * len(table),  # only inliers are stored
         "inliers": table.inlier_count.tolist(),
         "deg": rounded(deg, 3) if together else [None] * len(table),
         "m": rounded(m, 5) if together else [None] * len(table),
@@ -184,7 +184,7 @@ def _between(data: MapData, a: int, b: int, table: EdgeTable) -> Values:
 
 
 def _matches(parts: tuple[MapPart, MapPart], table: EdgeTable, e: int, i: int, j: int) -> Any:
-    """(c, 4) whole pixels of some matches of an edge, as the images have them."""
+    """(c, 4) whole measured pixels of some matches of an edge."""
     rows = table.inlier_rows(e)
     rows = rows[np.linspace(0, max(len(rows) - 1, 0), min(len(rows), MOST_OF_EDGE)).round().astype(np.int64)]
     ends = [
