@@ -1,4 +1,4 @@
-"""The edges of a cycle as they are solved, and as they are judged."""
+"""The edges of a cycle: their order for the solver, and their verdicts after it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def judge(edge: Edge, settings: Verification) -> Edge:
 
 
 def weakest_last(cycle: Cycle, matches: Matches) -> Cycle:
-    """The same cycle, begun so that its weakest edge closes it: there a 3- or 4-cycle asks for one match only."""
+    """The cycle, rotated so that its weakest edge closes it: 3- and 4-cycles need only one match of that edge."""
     if len(cycle) == 2:
         return cycle
     ring = list(zip(cycle, cycle[1:] + cycle[:1], strict=True))
@@ -55,7 +55,7 @@ def directed(points: Sequence[ScanPoints], pair: Pair, matches: Matches) -> Edge
 
 
 def unsolved_edge(pair: Pair, matches: Matches, scans: int) -> Edge:
-    """A pair for which the solver of so many scans found no hypothesis, rejected for that."""
+    """The rejected edge of a pair for which the solver of `scans` scans found no hypothesis."""
     i, j = in_order(pair)
     rows = matches[i, j]
     return Edge(i, j, rows, np.zeros(len(rows), bool), solver=solver_name(scans))
@@ -70,7 +70,7 @@ def judged_edge(
     settings: Verification,
     cycle: int = -1,
 ) -> Edge:
-    """What was found for a pair, in either direction, as an edge with its verdict."""
+    """The estimate for a pair, in either direction, as an edge with its verdict."""
     T, information, covariance = found.T, found.information, found.covariance
     if pair[0] > pair[1]:
         # xi of the inverse pose is -Ad(T^-1) xi: information I_inv = Ad(T)^T I Ad(T).

@@ -1,8 +1,8 @@
-"""Which matches of a pair can be inliers of one rigid motion at all.
+"""Which matches of a pair can be inliers of one rigid motion.
 
 Two inliers keep their distance, so k inliers are mutually consistent: each is in the (k - 1)-core of the graph that
-joins consistent matches. Matches outside the core can be dropped before any sampling, and a pair with an empty core
-cannot have k inliers. On false pairs of scans, where a dozen chance matches agree on nothing, this ends the work.
+joins consistent matches. Matches outside the core are dropped before sampling, and a pair with an empty core cannot
+have k inliers. Most false pairs of scans, whose few matches are not consistent, need no sampling at all.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def consistent_core(P: Floats, Q: Floats, tolerance: Floats, k: int) -> Bools:
 
 
 def consistent(points: Sequence[ScanPoints], pair: Pair, rows: Ints, threshold_m: float, least: int) -> Bools:
-    """Matches (m,) bool that agree in their distances with at least `least` others (see ransac.consistency).
+    """Matches (m,) bool whose distances agree with those of at least `least` others, see `consistent_core`.
 
     Two matches agree if their distances differ by less than `threshold_m` and three sigma of both.
     """

@@ -8,7 +8,7 @@ from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
-# Sums may be reassociated, but NaN and infinity keep their meaning: a singular system is told by them.
+# Sums may be reassociated, but NaN and infinity keep their meaning, as they mark a singular system.
 MATH = {"nsz", "arcp", "contract", "reassoc"}
 
 
@@ -31,7 +31,7 @@ def edge_normal_equations(
     (squared, in sigmas), and matches with |r|^2 > gate2 (m^2) are left out. H (6, 6), g (6,) are overwritten.
     """
     P, Q, CP, CQ = matches.P, matches.Q, matches.CP, matches.CQ
-    # Sums are scalars: they stay in registers, and the compiler is spared as many reads and writes of arrays.
+    # Sums are scalars, which stay in registers.
     h00 = h01 = h02 = h03 = h04 = h05 = h11 = h12 = h13 = h14 = h15 = 0.0
     h22 = h23 = h24 = h25 = h33 = h34 = h35 = h44 = h45 = h55 = 0.0
     g0 = g1 = g2 = g3 = g4 = g5 = 0.0

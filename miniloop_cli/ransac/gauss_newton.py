@@ -18,8 +18,8 @@ from miniloop_cli.typing import Floats
 
 CAUCHY2 = 9.0  # robust scale (squared, in sigmas) of every fit
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-# Only for what Python calls, with all it calls inlined: of other functions there are several compiled copies, and fast
-# math would let them differ in last digits.
+# Fast math only in functions that Python calls, with everything inlined: other functions are compiled in several
+# copies, which fast math would let differ in the last digits.
 WHOLE: dict[str, Any] = {**OPTIONS, "fastmath": MATH}
 
 
@@ -40,9 +40,9 @@ def compose_into(T: Floats, C: Floats) -> None:
 
 @njit(**OPTIONS)
 def closing_jacobians(T: Floats, A: Floats) -> None:
-    """A (n-1, 6, 6): what a perturbation xi of edge e does to the closing pose of T (n-1, 3, 4) is A[e] xi.
+    """A (n-1, 6, 6): a perturbation xi of edge e of T (n-1, 3, 4) perturbs the closing pose by A[e] xi.
 
-    The perturbation is carried through the later poses: A[e] is the adjoint of T[n-2] ... T[e+1].
+    A[e] is the adjoint of the later poses T[n-2] ... T[e+1].
     """
     last = T.shape[0] - 1
     R, t = np.eye(3), np.zeros(3)
@@ -194,8 +194,8 @@ def gauss_newton(
 ) -> bool:
     """Refine T (n-1, 3, 4) in place; False if the matches do not determine it.
 
-    H (6(n-1), 6(n-1)) receives the joint information, edge_H (edges, 6, 6) each edge's own, both where the last step
-    began.
+    H (6(n-1), 6(n-1)) receives the joint information, edge_H (edges, 6, 6) each edge's own, both at the start of the
+    last step.
     """
     size = 6 * T.shape[0]
     factor, step = np.empty((size, size)), np.empty(size)

@@ -1,4 +1,4 @@
-"""The robust estimator where the vertical of every scan is roughly known: it finds poses, but does not bend them."""
+"""The robust estimator with a roughly known vertical of every scan, which guides the search but not the final fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def upright_rotations(up_cam: Floats) -> Floats:
     z = np.array([0.0, 0.0, 1.0])
     axis, cosine = np.cross(up_cam, z), up_cam @ z
     W = se3.hat(axis)
-    # exp of the rotation between two unit vectors: I + W + W^2 / (1 + cos); a half turn about x where they are opposed
+    # The rotation between two unit vectors: I + W + W^2 / (1 + cos); a half turn about x where they are opposite.
     R = np.eye(3) + W + W @ W / np.maximum(1 + cosine, 1e-9)[:, None, None]
     return np.where((cosine < -1 + 1e-9)[:, None, None], np.diag([1.0, -1.0, -1.0]), R)
 
@@ -33,7 +33,7 @@ def estimate_upright(
 ) -> CycleEstimate | None:
     """`estimate` of a pair or a cycle of 3 or 4 scans whose verticals up_cam (n, 3), in their own frames, are known.
 
-    The verticals are believed to `sigma_rad` while the poses are searched; what is returned is fitted without them.
+    The search uses the verticals with standard deviation `sigma_rad`; the poses returned are fitted without them.
     """
     R = upright_rotations(up_cam)
     scans = len(up_cam)
@@ -50,7 +50,7 @@ def estimate_upright(
 
 
 def _turned(edge: EdgeMatches, R_p: Floats, R_q: Floats, sigma_rad: float) -> EdgeMatches:
-    """The matches in upright frames, their covariances widened by what an error of the verticals moves them."""
+    """The matches in upright frames, their covariances increased by the error of the verticals."""
 
     def widened(points: Floats, covariances: Floats, R: Floats) -> Floats:
         return R @ covariances @ R.T + (sigma_rad**2 * (points**2).sum(axis=1))[:, None, None] * np.eye(3)

@@ -55,7 +55,7 @@ def edge_poses(T: Floats, edges: int) -> Floats:
 def refine_locally(
     T: Floats, matches: Packed, gate2: float, chi2_gate: float, upright: bool
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Robust joint refinement of T (n-1, 3, 4), in place, and what each edge's matches say to it.
+    """Robust joint refinement of T (n-1, 3, 4), in place, and the fit of each edge's matches to it.
 
     Returns chi2 (N,), information (edges, 6, 6) of each edge from its own inliers, covariance (edges, 6, 6) of each
     edge's pose in the joint estimate; None if the matches do not determine the poses. `gate2` (m^2): matches farther

@@ -1,4 +1,4 @@
-"""Matches in space: as people hand them over, edge by edge, and packed as the compiled kernels take them."""
+"""3D matches: edge by edge, as callers give them, and packed into arrays for the compiled kernels."""
 
 from __future__ import annotations
 

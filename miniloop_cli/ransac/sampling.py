@@ -1,8 +1,8 @@
 """Minimal samples from distance-consistent matches.
 
 A rigid motion keeps distances, so two true matches (p1, q1), (p2, q2) have | |p1 - p2| - |q1 - q2| | small. Checking
-this before any solving rejects nearly every contaminated sample: at 60 % inliers ten free draws are all inliers in
-0.6 % of cases, five consistent pairs in most. With a known vertical, heights and horizontal distances are kept.
+this before any solving rejects nearly every contaminated sample: at 60 % inliers, ten independent draws are all inliers
+with a probability of 0.6 %. With a known vertical, heights and horizontal distances are kept.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _consistent(P: Floats, Q: Floats, a: int, b: int, tolerance: float, min_base
             return False
         pz = qz = 0.0
     dp, dq = np.sqrt(px * px + py * py + pz * pz), np.sqrt(qx * qx + qy * qy + qz * qz)
-    # A short baseline is a bad axis: it turns a small displacement into a large angle.
+    # A short baseline gives an inaccurate axis: a small displacement becomes a large angle.
     return abs(dp - dq) < tolerance and min(dp, dq) > min_baseline
 
 

@@ -9,7 +9,7 @@ from miniloop_cli.ransac.matches import Packed
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
-BLOCK = 64  # matches scored between two looks at whether the hypothesis can still win
+BLOCK = 64  # matches scored between two checks whether the hypothesis can still win
 
 
 @njit(**WHOLE, inline="always")
@@ -44,8 +44,8 @@ def score_cycle(
 ) -> float:
     """Cost of all edges, the closing edge (scored first: only it sees the whole chain) through the composed poses.
 
-    T (n-1, 3, 4); closing (3, 4) is workspace. floors (edges,), updated: what each edge cost least so far, infinite
-    at first. Scoring stops once the edges scored, with the rest at their floors, exceed `bound`.
+    T (n-1, 3, 4); closing (3, 4) is workspace. floors (edges,), updated: the least cost of each edge so far, infinite
+    at first. Scoring stops once the cost of the scored edges, plus the floors of the rest, exceeds `bound`.
     """
     chain, edges = T.shape[0], matches.start.shape[0] - 1
     left = 0.0
@@ -93,7 +93,7 @@ def best_of(
 def inlier_sample_share(T: Floats, matches: Packed, inverse_gate2: Floats, samples: Ints, sizes: Ints) -> float:
     """Probability that a sample holds inliers of T (n-1, 3, 4) only: the product over the edges of their own shares.
 
-    samples (b, k) as they were drawn, so that what the drawing refuses is accounted for.
+    samples (b, k) as they were drawn: the distance check of the sampling is thereby taken into account.
     """
     closing = np.empty((3, 4))
     compose_into(T, closing)

@@ -15,16 +15,16 @@ from miniloop_cli.solvers.batch import MinimalSolver
 from miniloop_cli.typing import Floats
 
 FIRST_BATCH, LARGEST_BATCH = 32, 256  # hypotheses of the first batch; later ones double
-MAX_KEPT_SAMPLES = 4096  # samples from which the share of clean ones is told
-CLEAN_WANTED = 3.0  # a minimal sample of inliers is not yet a good pose: ask for several
+MAX_KEPT_SAMPLES = 4096  # samples from which the share of clean ones is estimated
+CLEAN_WANTED = 3.0  # a sample of inliers may still give a poor pose, so several are needed
 BASELINE_SHARE = 0.1
-TOLERANCE_SHARE = 0.5  # of the gate: what each of two matches may add to the misfit of their distance
+TOLERANCE_SHARE = 0.5  # of the gate: how much each of two matches may change their distance
 POLISH_STEPS = 3
-NEARLY_REAL = 0.2  # rad; complex roots so near to the real axis are hypotheses: noise has torn a double root apart
+NEARLY_REAL = 0.2  # rad; complex roots so near the real axis are hypotheses: noise splits double roots so
 
 
 def hypotheses_needed(clean_share: float, confidence: float) -> float:
-    """Samples after which, this surely, one of probability `clean_share` was drawn; times CLEAN_WANTED."""
+    """Samples that hold a clean one (probability `clean_share` each) with this `confidence`, times CLEAN_WANTED."""
     if clean_share <= 0:
         return math.inf
     if clean_share >= 1:

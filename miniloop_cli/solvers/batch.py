@@ -1,9 +1,8 @@
-"""What all minimal solvers share: one decorator makes the entries for many samples and for one from the mathematics.
+"""`@minimal_solver` makes a `MinimalSolver`, for one sample or for many, from a compiled function.
 
-A solver's module holds its mathematics: a function `name(p, q, T) -> count` that is compiled by numba. Matches stand
-edge by edge, `p` in the earlier scan of an edge and `q` in the later, the closing edge last; solution s takes scan e to
-scan e + 1 by `T[s, e] = [R | t]`, and slots from `count` on stay as they are. `@minimal_solver` turns it into a
-`MinimalSolver` of the same name.
+The module of a solver defines a function `name(p, q, T) -> count`, which numba compiles. Matches are listed edge by
+edge, `p` in the earlier scan of an edge and `q` in the later, the closing edge last. Solution s maps scan e to scan
+e + 1 by `T[s, e] = [R | t]`; rows of T from `count` on are not written.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ class MinimalSolver:
     """A minimal solver, called with one sample: `solver(p, q)`; `solve_batch` takes many, `solve` is compiled.
 
     `matches`: how many each edge gives, the closing edge last. `max_solutions`: the bound on their number.
-    `nearly_real`: up to which imaginary part (rad) a complex pair of roots gives its real part if nothing else is asked
-    for; None where that is no question.
+    `nearly_real`: default of the largest imaginary part (rad) of a complex pair of roots that gives its real part; None
+    for solvers without complex roots.
     """
 
     def __init__(
@@ -33,7 +32,7 @@ class MinimalSolver:
     ) -> None:
         self.name, self.__doc__, self.__module__ = core.__name__, core.__doc__, core.__module__
         self.matches, self.max_solutions, self.nearly_real = matches, solutions, nearly_real
-        # Compiled for whoever calls it; the loop has a copy in it and does without.
+        # Compiled for callers; the loop contains its own copy.
         self.solve = njit(**OPTIONS)(core)
         self._solve_all = njit(**OPTIONS)(_loop_over(core, _solve_all if nearly_real is None else _solve_all_within))
 
@@ -55,7 +54,10 @@ class MinimalSolver:
         return T, counts
 
     def __call__(self, p: Floats, q: Floats, best: bool = False) -> Floats:
-        """Solutions (s, n-1, 4, 4) of one sample p, q (k, 3); with `best` only the one of least residual, if any."""
+        """Solutions (s, n-1, 4, 4) of one sample p, q (k, 3); with `best`, only that with the least residual.
+
+        Raises MiniloopError if a shape is wrong.
+        """
         T, counts = self.solve_batch(np.asarray(p, float)[None], np.asarray(q, float)[None])
         poses = se3.pose(T[0, : counts[0], ..., :3], T[0, : counts[0], ..., 3])
         if best and len(poses) > 1:
@@ -75,7 +77,7 @@ def minimal_solver(
 
 
 def solve(*arguments: object) -> int:
-    """The name under which the loops below call a solver: `_loop_over` puts each solver's mathematics in its place."""
+    """Placeholder in the loops below; `_loop_over` replaces it by the compiled function of a solver."""
     raise NotImplementedError
 
 
@@ -92,8 +94,8 @@ def _solve_all_within(p: Floats, q: Floats, T: Floats, counts: Ints, nearly_real
 def _loop_over(core: Callable[..., int], loop: Callable[..., None]) -> FunctionType:
     """The loop with `solve` = core, for the compiler.
 
-    numba keeps no compiled closure over another compiled function for the next process. So the loop gets globals of its
-    own, and the name and the file of the solver, under which numba keeps it.
+    numba does not cache a closure over another compiled function. The loop therefore gets its own globals, and the name
+    and the file of the solver, under which numba caches it.
     """
     name, source = f"{core.__name__}_all", core.__code__
     code = loop.__code__.replace(

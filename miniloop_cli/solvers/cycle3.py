@@ -1,17 +1,17 @@
 """Three scans, 2+2+1 matches (paper, sec. 2.3): two angles from the one match that closes the cycle.
 
-With v(a) = K2 L(a) p the closing match asks for q = L(b) v. A rotation about z keeps z and the norm, so b drops out of
+With v(a) = K2 L(a) p the closing match requires q = L(b) v. A rotation about z keeps z and the norm, so b drops out of
     v_z = q_z   and   |v|^2 = |q|^2,
 both linear in x = (cos a, sin a): A x = y. The image of the circle |x| = 1 under A is an ellipse, and the least-squares
 angle is its point nearest to y, which is unique off the axes of the ellipse: a secular equation, solved by a
-monotone Newton iteration after the singular value decomposition of A. The second equation is taken as
+monotone Newton iteration after the singular value decomposition of A. The second equation is replaced by
 (|v|^2 - |q|^2) / 2 - q_z (v_z - q_z), divided by the radius of q: to first order the error of the radius, so that the
 residual of both is the distance that is left between the two circles on which the closing points move.
 Then e^{ib} = q / v as complex numbers.
 
 13 constraints on 12 degrees of freedom: one solution. (The paper uses the z row and the circle: two solutions for each
-of two angles that it takes to be independent.) Only where the axes meet, as when both edges match the same point of
-scan 2, or are parallel, the equations say the same: the ellipse is a segment, and two mirrored angles are solutions.
+of two angles that it treats as independent.) If the axes are parallel or meet, as when both edges match the same point
+of scan 2, the two equations are dependent: the ellipse is a segment, and two mirrored angles are solutions.
 Filtered: coincident points, a common axis, closing points on an axis.
 Source: own derivation; the same problem is "subproblem 2 extended" in Elias & Wen, IK-Geo, 2022.
 """

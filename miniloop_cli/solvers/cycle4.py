@@ -1,6 +1,6 @@
 """Four scans, 2+2+2+1 matches (paper, sec. 2.4): a quartic instead of a Groebner basis with 16 solutions.
 
-With v(a) = K2 L(a) p the closing match asks for q = L(g) K3 L(b) v. A rotation about z keeps z and the norm: g drops
+With v(a) = K2 L(a) p the closing match requires q = L(g) K3 L(b) v. A rotation about z keeps z and the norm: g drops
 out. With w = L(b) v, K3 = [R | t], r the third row of R, u = R^T t (so |K3 w|^2 = |v|^2 + |t|^2 + 2 u.w), w_z = v_z:
     r_x w_x + r_y w_y = q_z - t_z - r_z v_z,
     u_x w_x + u_y w_y = (|q|^2 - |t|^2 - |v|^2) / 2 - u_z v_z.
@@ -8,7 +8,7 @@ The matrix on the left is constant, the right sides are linear in (cos a, sin a)
 keeps w_x^2 + w_y^2 = v_x^2 + v_y^2: a trigonometric polynomial of degree 2 in a, that is a quartic in tan(a/2). For
 each root e^{ib} = w / v and e^{ig} = q / (K3 w) as complex numbers.
 
-At most 4 solutions (paper: 16), on 18 degrees of freedom with 18 constraints: nothing is left to rank them.
+At most 4 solutions (paper: 16), on 18 degrees of freedom with 18 constraints: no equation is left to rank them.
 Where axes 2 and 3 meet (both edges match the same point of scan 3) or are parallel the matrix is singular: the cycle is
 then read backwards, which puts axes 1 and 2 in their place. Filtered: coincident points, both pairs of axes singular,
 closing points on an axis.
@@ -92,7 +92,7 @@ def cycle4(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     Returns the number of solutions, 0 to 4. Complex pairs with an imaginary part below `nearly_real` (rad) give their
     real part, 0: none.
     """
-    room = np.empty((ROWS + 6, 12))  # a single allocation, as that costs as much as a root
+    room = np.empty((ROWS + 6, 12))  # one allocation, as each costs as much as a root
     memory, H, G, found = room[:ROWS], room[ROWS : ROWS + 3], room[ROWS + 3 :], room[3:7]
     if not edge_frames(p, q, H, G):
         return 0

@@ -16,7 +16,7 @@ and with its conjugate B = (conj(P) h - Q conj(h)) / (|P|^2 - |Q|^2) = N / W. |B
 polynomial of degree 4 in a, an octic in tan(a/2). D then follows from both closing matches in the least-squares sense,
 and so does g.
 
-At most 8 solutions (paper: 32). |D| = 1 was not used: the 25 constraints exceed the 24 degrees of freedom by one, and
+At most 8 solutions (paper: 32). |D| = 1 is not used: the 25 constraints exceed the 24 degrees of freedom by one, and
 the closing residual ranks the solutions, best first. Where axes 2, 3 or 3, 4 are parallel or meet (both edges match the
 same point) M or M' is singular: the cycle is then read from another scan. Filtered: coincident points, cycles singular
 from every scan, closing points on an axis.

@@ -3,8 +3,8 @@
 In the aligned frames q = L(a) p is, seen as complex numbers x + iy, q = e^{ia} p: two linear equations in
 (cos a, sin a) whose least-squares solution on the circle is conj(p) q / |p q|. One solution; the paper solves one
 of the two equations with the circle and gets two, of which one is an artefact.
-The axis is the longest side of the triangle: the order of the matches does not matter, and a long baseline
-is a better axis. Filtered: coincident points, a third match on the axis.
+The axis is the longest side of the triangle: the result does not depend on the order of the matches, and a long
+baseline gives a more accurate axis. Filtered: coincident points, a third match on the axis.
 """
 
 from __future__ import annotations

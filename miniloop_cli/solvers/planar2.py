@@ -21,7 +21,7 @@ def planar2(p: Floats, q: Floats, T: Floats) -> int:
     if not (good and finite(p, q)):
         return 0
     write_upright(T, 0, 0, p, q, turn, 0.5 * (height_change(p, q, 0) + height_change(p, q, 1)))
-    # The first matches meet exactly so far: share the misfit of the second.
+    # So far the first match closes exactly: share the error of the second between both.
     misfit = 0.5 * (dq - turn * dp)
     T[0, 0, 0, 3] += misfit.real
     T[0, 0, 1, 3] += misfit.imag

@@ -1,11 +1,11 @@
 """Three scans with a known vertical, 1+1+1 matches (paper, sec. 3): at most 2 solutions (paper: 4).
 
-With t = q_1 - p_2, the way in scan 2 from the match by which it is left to the one by which it was entered, and the
-closing match (p, q) relative to p_1 and q_2, the xy parts as complex numbers obey q = B (t + A p), |A| = |B| = 1: a
+Let t = q_1 - p_2, the vector in scan 2 from its match with scan 3 to its match with scan 1. With the closing match
+(p, q) relative to p_1 and q_2, the xy parts as complex numbers obey q = B (t + A p), |A| = |B| = 1: a
 planar arm of two links that has to reach q. |t + A p| = |q| is the law of cosines: two mirrored A, then
 B = q / (t + A p).
-9 constraints on 8 degrees of freedom, but the ninth (z) does not tell the mirrored arms apart.
-Filtered: a match right above another in the same scan (no arm), arms out of reach.
+9 constraints on 8 degrees of freedom, but the ninth (z) is the same for both mirrored arms.
+Filtered: a match vertically above another in the same scan (no arm), arms out of reach.
 """
 
 from __future__ import annotations

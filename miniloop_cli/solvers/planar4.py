@@ -1,9 +1,9 @@
 """Four scans with a known vertical, 1+1+1+2 matches: at most 2 solutions.
 
 The paper's 1+1+1+1 (sec. 3, "16 solutions") is under-determined: four matches give 8 equations in the plane for 9
-unknowns, and the z rows say nothing about turns about z. It is a one-parameter family, not 16 poses. The second closing
-match makes it well posed: a planar arm of three links with a given hand pose. With t_i = q_{i-1} - p_i in scan i and
-the closing matches relative to p_1 and q_3, xy parts as complex numbers obey
+unknowns, and the z rows do not depend on turns about z. It has a one-parameter family of solutions, not 16 poses. A
+second closing match makes it well posed: a planar arm of three links with a given hand pose. With t_i = q_{i-1} - p_i
+in scan i and the closing matches relative to p_1 and q_3, xy parts as complex numbers obey
     q_k = C (t_3 + B (t_2 + A p_k)),   k = 1, 2.
 Their difference gives the turn of the hand, F = A B C = (q_2 - q_1) / (p_2 - p_1); then A B (q / F - p) = t_3 + B t_2
 for the midpoints p, q, and |t_3 + B t_2| = |q / F - p| is the law of cosines: two mirrored B.

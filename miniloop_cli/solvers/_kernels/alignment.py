@@ -1,13 +1,13 @@
 """Predefined transformations: two matches of an edge leave one rotation, about the axis through them (paper, sec. 2.1).
 
 H moves scan e, G moves scan e+1, so that the two matched points lie on the z axis, symmetric about the origin; then
-T_e = G^-1 L(theta) H with L a rotation about z. The paper puts the origin into the first point; the midpoint is
-as free and splits the error of two noisy points (see docs/solvers.md for the measurement).
+T_e = G^-1 L(theta) H with L a rotation about z. The paper puts the origin into the first point. The midpoint is
+equally valid and shares the error between two noisy points (measured in docs/solvers.md).
 
 A frame is a row of 12 floats: the axes x, y, z of the rotation into it, then its origin. A rigid motion K is a tuple of
 12 floats: rotation row by row, then translation. Rotations about z are unit complex numbers (c, s).
-Compiled code is made once for each literal number that a call passes: so frames are rows of arrays, taken by their
-index before the call, and no function here takes an index that its callers write as a number.
+numba compiles a function anew for each literal number in a call. Frames are therefore rows of arrays, indexed before
+the call, and no function here takes an index that callers would write as a literal.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from miniloop_cli.typing import Floats
 
 Motion = tuple[float, ...]
 Point = tuple[float, float, float]
-# No fast math: of functions that call each other there are several compiled copies, in which it would give different
-# last digits; and degenerate samples are told by NaN and infinity.
+# No fast math: functions that call each other are compiled in several copies, which would then differ in the last
+# digits; and degenerate samples are recognised by NaN and infinity.
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-# A baseline shorter than this share of the coordinates is no axis: its direction would be rounding.
+# A baseline shorter than this share of the coordinates gives no axis: its direction would be rounding error.
 SHORTEST_BASELINE = 1e-10
 # Below this a length is zero and gives no direction.
 TINY = 1e-150
@@ -114,7 +114,7 @@ def backwards(K: Motion) -> Motion:
 def crossing(K: Motion) -> float:
     """Triple product of the two axes that K links and their distance vector over its length, -1 to 1.
 
-    Zero if the axes are parallel or meet: then the z row and the norm of K x say the same of x.
+    Zero if the axes are parallel or meet: then the z row and the norm of K x give the same equation for x.
     """
     u = back_translation(K)
     length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])

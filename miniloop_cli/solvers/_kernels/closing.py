@@ -1,8 +1,8 @@
 """Least squares for the 5-cycle: Gauss-Newton on the four angles over all six coordinates of the two closing matches.
 
-The octic meets five of the six equations and takes the unit norm of its last angle on trust. On noisy samples that is
-wasteful: two steps over all six cut the median rotation error of a sample by 40 % (docs/solvers.md). On exact samples
-they polish the root. A root that the redundant equation contradicts moves little or stays where it is.
+The octic satisfies five of the six equations and does not use the unit norm of its last angle. On noisy samples, a few
+steps over all six reduce the error (measured in docs/solvers.md). On exact samples they remove rounding errors. A root
+that contradicts the sixth equation moves little or not at all.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from miniloop_cli.solvers._kernels.alignment import OPTIONS, Motion, Point, appl
 from miniloop_cli.typing import Floats
 
 STEPS = 2
-# Longest step of an angle, as a tangent: farther the linearisation means nothing.
+# Longest step of an angle, as a tangent: the linearisation does not hold farther.
 LONGEST_STEP = 0.5
 
 
 @njit(**OPTIONS)
 def equidistant(p1: Point, p2: Point, q1: Point, q2: Point) -> tuple[Point, Point, Point, Point]:
-    """Both pairs stretched about their midpoints to the mean of their lengths: no motion could keep two lengths."""
+    """Both pairs, stretched about their midpoints to their mean length, as a rigid motion keeps lengths."""
     x, y, z, u, v, w = p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2], q2[0] - q1[0], q2[1] - q1[1], q2[2] - q1[2]
     p, q = math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w)
     a, b = 0.25 * (p - q) / p, 0.25 * (q - p) / q

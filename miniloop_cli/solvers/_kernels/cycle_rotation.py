@@ -1,4 +1,4 @@
-"""A 5-cycle has no first scan: with two matches on every edge it can be read from any of its scans.
+"""Reading a 5-cycle from another scan, which is possible as every edge has two matches.
 
 The edges form a ring: edge e joins scan e to scan e+1 and edge 4, the closing one, scan 4 to scan 0.
 """
@@ -14,7 +14,7 @@ EDGES = 5
 
 @njit(**OPTIONS)
 def rotated_matches(start: int, p: Floats, q: Floats, new_p: Floats, new_q: Floats) -> None:
-    """The matches p, q (10, 3) in the order and direction in which a cycle starting at scan `start` has them."""
+    """Write the matches p, q (10, 3) in the order and direction of the cycle that starts at scan `start`."""
     for edge in range(EDGES):
         old = (edge + start) % EDGES
         # Matches of a closing edge run from the first scan to the last, against the ring.

@@ -4,7 +4,7 @@ An edge turns about the vertical through its matched point: T_e = G^-1 L(theta) 
 origin) and G (q to the origin), so K_i = H_i G_i^-1 is a translation too. The xy parts of points are complex numbers,
 a turn is a unit factor. This serves planar motion (paper, sec. 3) and, as z stays free, known gravity: 4 degrees of
 freedom an edge.
-The z rows say nothing about the angles; what they miss to close is spread over the edges in the least-squares sense.
+The z rows do not depend on the angles; their closing error is spread over the edges by least squares.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Real roots of trigonometric polynomials: f(a) = sum_k C_k cos(k a) + S_k sin(k a), k = 0..d, roots as (cos a, sin a).
 
-A polynomial of degree 2d in tan(a/2) with its real roots is the same thing, but on the circle no root lies at infinity.
+This equals a polynomial of degree 2d in tan(a/2), except that on the circle no root lies at infinity.
 1. The circle is cut into two halves at a diameter whose ends are far from roots (largest |f| among samples).
 2. On each half t = tan(a/2), measured from its middle, runs over [-1, 1], and F(t) = (1 + t^2)^d f is well conditioned.
 3. The zeros of F' are isolated by Descartes' rule: the sign changes of the Bernstein coefficients bound the number of
@@ -8,7 +8,7 @@ A polynomial of degree 2d in tan(a/2) with its real roots is the same thing, but
 4. Between them F is monotone: each change of sign holds exactly one root, refined likewise. No root is missed
    and double roots need no special case.
 5. Where |F| has a positive minimum, F is nearly F0 + F2 (t - t0)^2 / 2: a complex pair with real part t0 and
-   imaginary part sqrt(2 F0 / F2). Below `nearly_real` (rad) t0 is reported: noise has torn a double root apart.
+   imaginary part sqrt(2 F0 / F2). Below `nearly_real` (rad) t0 is reported: noise splits a double root in this way.
 
 Source: Descartes' rule in Bernstein form as in Rouillier & Zimmermann, "Efficient isolation of polynomial's real
 roots", 2004.
@@ -32,7 +32,7 @@ DEPTH = 18
 # Rows of 12 numbers that one call of roots_on_circle works in.
 ROWS = DEPTH + 10
 SAMPLES = 16
-# A Newton step so short is the last: the next would be its square.
+# A Newton step so short is the last: the next one would have the square of its length.
 CONVERGED = 1e-11
 TURN = np.exp(2j * np.pi * np.arange(SAMPLES) / SAMPLES)
 COS, SIN = TURN.real.copy(), TURN.imag.copy()

@@ -46,7 +46,7 @@ def cycle7(p: Floats, q: Floats, T: Floats, nearly_real: float) -> int:
     if find_closing(p[12:], q[12:], closing) == 0 or not edge_frames(p, q, H, G):
         return 0
     K = np.empty((6, 3, 4))
-    # Scan 1 is entered, as it were, by the last edge of the chain, carried back through the closing pose.
+    # The last edge of the chain, mapped through the closing pose, gives the axis by which scan 1 is entered.
     _seen_from_before(G[5], closing[0, 0], entered)
     for e in range(6):
         set_link(K, e, H[e], G[e - 1] if e else entered)

@@ -5,8 +5,8 @@
 3. Its real roots are isolated by Descartes' rule (six_revolute_roots); each gives the other angles by linear algebra.
 4. Newton's method on the closing error (six_revolute_closure) removes the rounding errors of 1-3; what does not close,
    coincides with another solution or can move (a degenerate chain) is dropped.
-5. Where a real root is lost on the way, or may be, the chain is cut at the next joint, which makes another angle the
-   hidden one, and the solutions are united. If no cut will do, as in a ring all of whose neighbouring axes meet, the
+5. Where a real root is lost or may be, the chain is cut at the next joint, so that another angle is hidden in the
+   resultant, and the solutions are united. If no cut works, as in a ring whose neighbouring axes all meet, the
    roots of a chain nearby serve as starting points for Newton's method.
 
 Sources: Raghavan & Roth, "Inverse kinematics of the general 6R manipulator and related linkages", 1993; for the
@@ -30,21 +30,21 @@ from miniloop_cli.typing import Floats
 MAX_SOLUTIONS = 16
 # Value of `nearly_real` with which every solution closes the chain.
 EXACT = 0.0
-# A closing error (rad, and in units of the mean link length) over the ratio of pivots of its derivative tells how well
-# the angles are determined. Beyond this the chain can move or solutions coincide, as with axes within one plane.
+# The closing error (rad, and in units of the mean link length) over the ratio of pivots of its derivative measures how
+# well the angles are determined. Above this the chain can move or solutions coincide, as with axes in one plane.
 DETERMINED = 1e-8
 NEWTON_STEPS = 20
-# Closing error before Newton's method above which rounding may have swallowed other roots.
+# Closing error before Newton's method above which rounding may hide other roots.
 ROUGH = 1e-6
-# Closing error before Newton's method above which a root is no root.
+# Closing error before Newton's method above which a root is discarded.
 HOPELESS = 0.1
-# Double roots are torn into complex pairs by rounding, at most so far (rad).
+# Rounding splits double roots into complex pairs with at most this imaginary part (rad).
 TORN = 1e-3
 # Two solutions all of whose angles (rad) agree to this are one.
 SAME = 1e-6
 # Largest determinant of the scaled equations below which it is zero but for rounding (1e-5 in the median).
 VANISHING = 1e-18
-# Where no cut is sound (all neighbouring axes meet) the links are moved so far to find where Newton may start.
+# Where no cut is sound (all neighbouring axes meet), the links are moved so far to find starts for Newton's method.
 NUDGE = 1e-3
 _NUDGE = np.cos(np.arange(30.0) ** 2).reshape(6, 5)
 
@@ -122,7 +122,7 @@ def _solve_cut(C: Floats, D: Floats, cut: int, nearly_real: float, angles: Float
     """Unite the solutions of the chain C, cut at joint `cut`, with the first `count` rows of angles (16, 6).
 
     The roots come from the chain D, which is C or near it. Returns the new count, and whether the cut was sound: the
-    equations regular, no root lost, none of them so rough that others may have drowned in rounding.
+    equations regular, no root lost, and no root so inaccurate that rounding may hide others.
     """
     left, right = axis_equations(D)
     S = reduce_equations(left, right)
@@ -176,7 +176,7 @@ def solve_chain(K: Floats, nearly_real: float, angles: Floats) -> int:
         _cut_chain(K, 6.0 / length, cut, NUDGE if attempt >= 6 else 0.0, D)
         count, sound = _solve_cut(C, D, cut, nearly_real, angles, count)
         cuts += sound and attempt < 6
-        # Solutions come in pairs, and chains without any are rare: then a second cut has to agree.
+        # Solutions come in pairs, and chains without any are rare: if there are none, a second cut has to agree.
         if cuts > (0 if count > 0 and count % 2 == 0 else 1):
             break
     return int(count)

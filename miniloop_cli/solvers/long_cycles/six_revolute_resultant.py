@@ -144,7 +144,7 @@ def angles_at(E: Floats, a3: float) -> tuple[float, float]:
             M[r, c] = A[r, c]
             M[6 + r, 3 + c] = A[r, c]
     column = np.arange(12)
-    for k in range(11):  # complete pivoting: the last pivot is the small one
+    for k in range(11):  # complete pivoting, so that the last pivot is the smallest
         best, at_r, at_c = -1.0, k, k
         for r in range(k, 12):
             for c in range(k, 12):

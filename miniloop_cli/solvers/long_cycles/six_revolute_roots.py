@@ -4,7 +4,7 @@ f(a) = c0 + sum_k (c_k cos k a + c_{8+k} sin k a) is a form of degree 16 in (cos
 angles, with the point on the chord between them as the parameter, it is a polynomial of degree 16 with the same roots.
 The sign changes of its Bernstein coefficients exceed the number of roots in the arc by an even number: none means no
 root, one means one root, otherwise the arc is halved (de Casteljau). A count of two or more that falls to zero as the
-arc is halved betrays a complex pair near by.
+arc is halved indicates a complex pair nearby.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ DEGREE = 8
 MAX_ROOTS = 24
 _ORDER = 2 * DEGREE
 _ARCS = 4
-_START_RAD = 0.2718  # no arc ends at an angle that hand-made examples are fond of
+_START_RAD = 0.2718  # arcs do not end at the round angles of made-up examples
 _ARC_RAD = 2 * np.pi / _ARCS
 _DEPTH = 22  # halvings: pi / 2 to 4e-7 rad
 
@@ -174,7 +174,7 @@ def real_roots(c: Floats, near_rad: float, out: Floats) -> int:
                     top -= 1
                 else:
                     top += 1
-        # A pair beside the end of an arc shows on neither side of it.
+        # A pair near the end of an arc is not found from either side.
         end = _angle(arc, 1.0)
         angle, imaginary = _nearly_real(c, end - near_rad, end + near_rad)
         if imaginary < near_rad and abs(angle - end) < imaginary and n < MAX_ROOTS:
