@@ -47,7 +47,7 @@ class Camera:
     lens: Lens = PINHOLE
     noise: DepthNoise = DepthNoise()
     source: str = "given"
-    depth_scale_assumed: bool = False  # nothing states it: the habit of a layout
+    depth_scale_assumed: bool = False  # no file states it: the default of the layout
     depth_model: DepthModel = EXACT  # corrects readings in metres, on the pixels of this camera
     trust: Trust = Trust.CALIBRATED
 
@@ -61,11 +61,11 @@ class Camera:
         return self.lens.undistort(np.asarray(px, float).reshape(-1, 2), self.K)
 
     def distort(self, px_ideal: Floats) -> Floats:
-        """The inverse of `undistort`: where the lens images (n, 2) ideal pixels; NaN where it images none."""
+        """The inverse of `undistort`: (n, 2) ideal pixels to (n, 2) measured ones; NaN where the lens images none."""
         return self.lens.distort(np.asarray(px_ideal, float).reshape(-1, 2), self.K)
 
     def lens_fault(self) -> str | None:
-        """Why the lens cannot be undone over the whole image, naming the pixel; None for a sound one."""
+        """Why the lens cannot be inverted over the whole image, with the pixel where it fails; None if it can."""
         f, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
         u, v = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 13)
         grid = np.stack(np.meshgrid(u, v), axis=-1)
@@ -106,7 +106,7 @@ class Camera:
         """(n, 3, 3) covariance (m^2) of (n, 3) back-projected points.
 
         C = (2 sigma_z)^2 r r^T + (pixel_sigma z / f)^2 diag(1, 1, 0), r = x / z: depth noise acts along the ray,
-        localisation noise across it. The factor 2 covers what the sensor model leaves out (interpolation, edges).
+        localisation noise across it. The factor 2 covers errors that the sensor model omits (interpolation, edges).
         """
         z = p_cam[:, 2]
         ray = p_cam / z[:, None]

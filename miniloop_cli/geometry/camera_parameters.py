@@ -1,4 +1,4 @@
-"""The numbers of a camera that a calibration may change, as steps from a given camera, and what they do to pixels.
+"""The parameters of a camera that a calibration may change, as steps from a given camera, and their effect on pixels.
 
 Steps of the focal length are relative: one for both directions (log), one for fy against fx. Distortion is that of
 Brown and Conrady with k1 k2 p1 p2 k3; other lenses keep their coefficients. Depth as in depth_model.py; a depth camera
@@ -22,18 +22,18 @@ NAMES = (*INTRINSICS, *DISTORTION, *depth_model.NAMES, *depth_camera_parameters.
 OF_PIXELS = len(INTRINSICS) + len(DISTORTION)
 OF_ONE_CAMERA = OF_PIXELS + len(depth_model.NAMES)
 OF_DEPTH = slice(OF_PIXELS, OF_ONE_CAMERA)
-FARTHEST = 4.0  # squared radius beyond which a polynomial is not followed
+FARTHEST = 4.0  # squared radius beyond which the polynomial is not evaluated
 _STEP = 1e-5
 
 
 def numbers(*names: str) -> Ints:
-    """The places (k,) of the parameters of these names."""
+    """Indices (k,) of the named parameters."""
     return np.array([NAMES.index(name) for name in names], np.int64)
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Where points are imaged: px (2, k), and by the points (2, 3, k) and the parameters (2, OF_PIXELS, k)."""
+    """Pixels (2, k) of points; derivatives by the points (2, 3, k) and by the parameters (2, OF_PIXELS, k)."""
 
     px: Floats
     by_point: Floats
@@ -42,7 +42,7 @@ class Projection:
 
 @dataclass(frozen=True)
 class CameraParameters:
-    """Steps `theta` (len(NAMES),) from the camera `given`; `middle_m`: where depth is taken to be right."""
+    """Steps `theta` (len(NAMES),) from the camera `given`; `middle_m`: the depth that the depth model keeps."""
 
     given: Camera
     theta: Floats
@@ -89,11 +89,11 @@ class CameraParameters:
         return self.theta[OF_ONE_CAMERA:]
 
     def depth_step(self, z_m: Floats, rho: Floats) -> Floats:
-        """What the steps add to readings (k,) m of the given camera, at squared shares of the half diagonal (k,)."""
+        """What the steps add (k,) (m) to readings `z_m` (k,) of the given camera; `rho` (k,) as in depth_model.rho."""
         return np.tensordot(self.theta[OF_DEPTH], depth_model.basis(z_m, rho, self.middle_m)[0], 1)
 
     def project(self, p_cam: Floats) -> Projection:
-        """Measured pixels of points (3, k) m, z > 0. Each residual's numbers lie side by side, as in refinement."""
+        """Measured pixels of points (3, k) m, z > 0. The last axis runs over the points, as in refinement."""
         near = 1 / p_cam[2]
         x, y = p_cam[0] * near, p_cam[1] * near
         (bent_x, bent_y), (xx, xy, yx, yy), by_coefficients = self._bent(x, y)

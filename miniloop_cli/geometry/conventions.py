@@ -1,7 +1,7 @@
-"""Axes of other tools against those used here: camera x right, y down, z forward; poses camera to world.
+"""Conventions of other tools, and poses in them as ours: camera x right, y down, z forward; poses camera to world.
 
-What poses of another convention mean as ours, and which convention fits relative motions that are known otherwise.
-Relative motions do not depend on the world, so no two worlds need be aligned for it.
+Which convention some poses have is found from relative motions that are known otherwise. Relative motions do not
+depend on the world frame, so no worlds need to be aligned.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from miniloop_cli.typing import Floats, Ints
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 MIRROR_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 
-LEAST_ROTATION_DEG, LEAST_TRANSLATION_M = 1.0, 0.01  # motions below are taken for noise
+LEAST_ROTATION_DEG, LEAST_TRANSLATION_M = 1.0, 0.01  # smaller motions are treated as noise
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def length_ratio(given: Floats, known: Floats) -> float:
 
 
 def difference(given: Floats, known: Floats) -> float:
-    """Median over (m, 4, 4) motions of how far the given ones are from the known: 0 the same, 1 as far as nothing.
+    """Median relative difference of (m, 4, 4) given motions from the known: 0 if equal, 1 as for no motion at all.
 
     Rotation and translation each count against their median size; a common factor of length does not count.
     """

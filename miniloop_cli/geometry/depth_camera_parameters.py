@@ -1,12 +1,12 @@
-"""The numbers of a depth camera beside a colour camera that a calibration may change, and what they do to its readings.
+"""The parameters of a separate depth camera that a calibration may change, and their effect on its readings.
 
-A reading at a pixel of colour is where the ray of that pixel meets the surface that the depth camera saw. A step of the
-parameters moves every point of that surface, by dS in the frame of colour; the ray then meets it at another depth,
+The ray of a colour pixel meets the surface that the depth camera saw at the depth of the reading. A step of the
+parameters moves every point of that surface by dS in the frame of colour. The ray then meets it at another depth,
   dz = dS_z - slope . du,  du = (fx (dS_x - x dS_z), fy (dS_y - y dS_z)) / z,
 with the slope of the depth along the image (m/px): the surface shifts in the image, and another part of it is read.
 
-What no recording tells apart is left out: a shift along the view adds the same length to every depth, which is
-`offset_m` of the depth model and the unit of length; and fy of depth against its fx.
+Parameters that a recording does not determine are left out: a shift along the view, which acts as `offset_m` of the
+depth model and the unit of length; and fy of depth against its fx.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The smooth errors of a depth camera: an offset, a bend over the range, and how both change towards the corners.
+"""The smooth errors of a depth camera: an offset, a bend over the range, and the change of both towards the corners.
 
-Sensors of structured light read depths that are off by a smooth function of range and place in the image (Teichman,
-Miller & Thrun, RSS 2013; Herrera, Kannala & Heikkila, PAMI 2012). A common factor is left out on purpose: nothing but
-the depth camera itself knows the unit of length, so no recording tells it. All terms vanish at the middle of the range
-or in the mean over the image, so that none of them acts as such a factor.
+Depths of structured-light sensors are wrong by a smooth function of range and position in the image (Teichman, Miller
+& Thrun, RSS 2013; Herrera, Kannala & Heikkila, PAMI 2012). The model has no common factor: a recording does not
+determine the unit of length, which only the depth camera fixes. All terms vanish at the middle of the range or in the
+mean over the image, so that none of them acts as such a factor.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class DepthModel:
         return bool((1 + np.tensordot(np.array(self.coefficients), slope, 1) > 0.1).all())
 
     def corrected(self, z_m: Floats, rho: Floats) -> Floats:
-        """Readings (k,) m at squared shares of the half diagonal (k,), corrected."""
+        """Corrected readings (k,) m; `rho` (k,): see `rho`."""
         return z_m + np.tensordot(np.array(self.coefficients), basis(z_m, rho, self.middle_m)[0], 1)
 
     def of_image(self, depth_m: Floats32) -> Floats32:
-        """A depth image (h, w) m, 0 = no reading, corrected; a reading that comes out negative is none."""
+        """The corrected depth image (h, w), m, 0 = no reading. A reading that becomes negative is set to 0."""
         height, width = depth_m.shape
         v, u = np.mgrid[0:height, 0:width]
         px = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
@@ -73,7 +73,7 @@ def rho(px: Floats, width: int, height: int) -> Floats:
 
 
 def basis(z_m: Floats, rho: Floats, middle_m: float) -> tuple[Floats, Floats]:
-    """What one of each coefficient adds to the readings (k,) m, and its derivative by the reading: both (4, k)."""
+    """What a unit of each coefficient adds to readings (k,) m, and its derivative by the reading: both (4, k)."""
     off, edge, one = z_m - middle_m, rho - MEAN_RHO, np.ones_like(z_m)
     value = np.stack([-off / middle_m, z_m * off, edge * z_m, edge * z_m * off])
     slope = np.stack([-one / middle_m, z_m + off, edge, edge * (z_m + off)])

@@ -1,8 +1,8 @@
 """Depth as another camera would have measured it: the mesh of the depth image, drawn into the other image.
 
-Neighbouring depth pixels of one surface span triangles; these are drawn with a z-buffer at the pixels of the other
-camera, so that the result is sub-pixel exact on surfaces, has no holes where that camera has more pixels, and is empty
-where the depth camera did not see: nothing is drawn across a step in depth.
+Neighbouring depth pixels of one surface span triangles. These are drawn with a z-buffer at the pixels of the other
+camera. The result is sub-pixel exact on surfaces and has no holes where that camera has more pixels. It is empty where
+the depth camera did not see, as no triangle spans a step in depth.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def register_depth(depth_m: Floats32, depth_camera: Camera, color_camera: Camera
     """(h, w) depth (m, 0 = no reading) of `depth_camera` as (h', w') depth on the pixels of `color_camera`.
 
     T_color_depth: (4, 4), points of the depth camera to points of the colour camera, m. Both lenses are taken into
-    account. 0 where nothing was measured, what the depth camera did not see, and at readings without neighbours.
+    account. 0 where nothing was measured, where the depth camera did not see, and at readings without neighbours.
     """
     rays = _rays(depth_camera)
     depth_m = np.ascontiguousarray(depth_m, np.float32)

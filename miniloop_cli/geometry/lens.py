@@ -57,7 +57,7 @@ class Lens:
 
     @property
     def limit(self) -> tuple[float, float]:
-        """How far out the measured radius grows with the ideal one, and the measured radius there, on the plane z = 1.
+        """Ideal radius up to which the measured radius grows, and the measured radius there, on the plane z = 1.
 
         Infinite for most lenses. A fisheye's first number is the angle off the axis (rad), at most pi / 2.
         """
@@ -76,5 +76,5 @@ def radial_tangential_lens(*coefficients: float) -> Lens:
 
 
 def fisheye_lens(k1: float = 0.0, k2: float = 0.0, k3: float = 0.0, k4: float = 0.0) -> Lens:
-    """The lens of Kannala and Brandt; with all coefficients 0 it still is no pinhole."""
+    """The lens of Kannala and Brandt; with all coefficients 0 it is still not a pinhole."""
     return Lens("fisheye", (float(k1), float(k2), float(k3), float(k4)))

@@ -1,4 +1,4 @@
-"""Lenses point by point, for kernels: apart from the lenses themselves, which need no compiler."""
+"""Lenses of single points, for compiled kernels; the lenses themselves do not need the compiler."""
 
 from __future__ import annotations
 

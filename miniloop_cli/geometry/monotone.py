@@ -9,8 +9,8 @@ from numpy.polynomial import Polynomial
 
 from miniloop_cli.typing import Floats
 
-STEPS = 100  # halving alone reaches the last bit within these
-NEGLIGIBLE = 1e-30  # coefficients whose term is nothing in any image
+STEPS = 100  # bisection alone reaches the last bit in so many
+NEGLIGIBLE = 1e-30  # coefficients whose term is negligible in any image
 
 
 def first_root(polynomial: Polynomial) -> float:
@@ -26,8 +26,8 @@ def invert_increasing(
 ) -> Floats:
     """x (n,) in [0, end] with value(x) = target (n,), where value(0) = 0 and its slope is positive below `end`.
 
-    `end` may be infinite. Targets that are not reached before `end` give `end`. Newton's steps, halving the bracket
-    where one would leave it.
+    `end` may be infinite. Targets that are not reached before `end` give `end`. Newton's method; a step that would
+    leave the bracket is replaced by a bisection.
     """
     low, high = np.zeros_like(target), np.minimum(np.full_like(target, end), np.maximum(2 * target, 1.0))
     for _ in range(STEPS):

@@ -1,4 +1,4 @@
-"""The rotation, rigid motion or similarity that brings one set nearest to another, in least squares."""
+"""The rotation, rigid motion or similarity that maps one set to another with least squared error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def align_points(source: Floats, target: Floats, with_scale: bool = False) -> Al
     """Alignment of (n, 3) `source` to (n, 3) `target` points; SE(3), or Sim(3) with scale (Umeyama, PAMI 1991).
 
     For points on a line the rotation about the line is arbitrary (the residuals are not).
-    Raises MiniloopError for a scale where all source points coincide.
+    Raises MiniloopError if a scale is wanted and all source points coincide.
     """
     mean_s, mean_t = source.mean(axis=0), target.mean(axis=0)
     covariance = (target - mean_t).T @ (source - mean_s)

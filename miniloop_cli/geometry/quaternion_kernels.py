@@ -1,6 +1,6 @@
 """Compiled loops of rotation averaging, on unit quaternions (w, x, y, z), (n, 4) float64.
 
-The residual of an edge (i, j) in the world frame is E = R_j R_j_i R_i', the identity where the edge agrees. With
+The residual of an edge (i, j) in the world frame is E = R_j R_j_i R_i', the identity if the edge agrees. With
 updates R <- exp(x) R it becomes exp(x_j) E exp(-x_i), so that to first order x_i - x_j = log(E) closes it.
 """
 

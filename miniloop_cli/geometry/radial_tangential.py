@@ -67,7 +67,7 @@ def limit(c: Coefficients) -> tuple[float, float]:
     """Radius of ideal points up to which the measured radius grows with them, and the measured radius there.
 
     Both may be infinite. Beyond, the polynomial folds over: two directions would share a pixel. Tangential
-    coefficients are left out.
+    coefficients are ignored.
     """
     a, b = polynomials(c)
     fold, pole = first_root(_slope(c)), first_root(b)
@@ -85,7 +85,7 @@ def _slope(c: Coefficients) -> Polynomial:
 def undistort(px: Floats, K: Floats, c: Coefficients) -> Floats:
     """(n, 2) measured pixels to the (n, 2) pixels that an ideal camera of the same K (3, 3) would measure.
 
-    OpenCV's fixed-point steps, and Newton's for the pixels of strong lenses where those do not arrive.
+    OpenCV's fixed-point iteration; Newton's method for pixels of strong lenses where it does not converge.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""Which way is up in a world: where gravity leveled it, or as people hold cameras."""
+"""The upward direction of a world: z where gravity levelled it, else estimated from the way people hold cameras."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.typing import Floats
 
 Z_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])  # to y up
-LEVEL_RATIO = 4.0  # the horizontal spread of the cameras' x axes must exceed the rest so much to tell the vertical
+LEVEL_RATIO = 4.0  # x axes give the vertical if they spread so many times more in the plane than out of it
 
 
 def up_direction(T_world_cam: Floats, leveled: bool = False) -> Floats:
     """(3,) unit vector that points up, for (n, 4, 4) cameras; z where the result is `leveled` by gravity.
 
-    Who holds a camera keeps its x axis level: up is the direction that the x axes have least of, if they turn enough
-    to tell it; else against the mean of the y axes, which point down.
+    People hold cameras with the x axis level. Up is therefore the direction of least spread of the x axes, if the
+    cameras turn enough to show it; else it is opposite to the mean of the y axes, which point down.
     """
     if leveled:
         return np.array([0.0, 0.0, 1.0])
@@ -32,7 +32,7 @@ def up_direction(T_world_cam: Floats, leveled: bool = False) -> Floats:
 
 
 def to_y_up(T_world_cam: Floats, leveled: bool = False) -> Floats:
-    """(4, 4) turn of a world, seen by (n, 4, 4) cameras, to glTF's axes: y is up, and most cameras look along -z."""
+    """(4, 4) rotation of a world, seen by (n, 4, 4) cameras, to glTF's axes: y up, and most cameras look along -z."""
     if leveled:
         return Z_UP
     y = up_direction(T_world_cam)

@@ -1,7 +1,7 @@
-"""Fewer edges left over: cycles are given back and taken again another way (local search).
+"""Local search for a decomposition that leaves fewer edges: cycles are released and replaced by others.
 
-A cycle takes two edges from each of its nodes, so that whatever is decomposed, a node of odd degree keeps an edge.
-Half the number of odd nodes is what must be left at least; a greedy decomposition leaves two to four times as many.
+A cycle takes two edges from each of its nodes, so a node of odd degree always keeps an edge. Any decomposition leaves
+at least half as many edges as there are odd nodes; a greedy one leaves two to four times as many.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ WAYS = 60  # cycles through an edge that are considered
 
 
 def odd_pairs(strength: Mapping[Pair, int]) -> list[Pair]:
-    """Edges that join nodes of odd degree two by two, the strongest first: what is best left over.
+    """Edges that join nodes of odd degree in pairs, the strongest first: these are best left out of cycles.
 
-    Without them the graph has even degrees but for the odd nodes that found no partner.
+    Without them, all degrees are even except those of odd nodes without a partner.
     """
     odd: set[int] = set()
     for pair in strength:
@@ -37,8 +37,8 @@ def odd_pairs(strength: Mapping[Pair, int]) -> list[Pair]:
 def exchange(free: FreeEdges, cycles: list[Cycle], length: int) -> list[Cycle]:
     """Cycles of `length` over edges of `cycles` and free ones, at least as many; `free` is kept up to date.
 
-    Each cycle in turn is given back, and two are taken in its place where that is possible. Where it is not, one is
-    taken so that the free edges gather at few nodes (largest sum of squared degrees), where they can form cycles later.
+    Each cycle in turn is released, and replaced by two where that is possible. Otherwise it is replaced by one that
+    concentrates the free edges at few nodes (largest sum of squared degrees), where they can form cycles later.
     If no cycle of `length` is free before, none is free afterwards.
     """
     cycles, rng, idle = list(cycles), np.random.default_rng(0), 0

@@ -22,9 +22,11 @@ def decompose(graph: nx.Graph, longest: int = 5, method: str = "dfs") -> list[Cy
     for n - 1 begins.
 
     "dfs" is the paper's: a depth-first search over the scans in order of number. "support" begins with the edges
-    that have the fewest matches and closes each over the strongest edges that are left, so that a weak edge is
-    carried by strong partners; strong edges between scans of odd degree, of which some must be left over, are put
-    off, and cycles are exchanged until few others are left (see graph/exchange.py).
+    that have the fewest matches and closes each over the strongest free edges, so that a weak edge shares a cycle with
+    strong ones. Strong edges between scans of odd degree come last, as some of them are left over in any case. A local
+    search then reduces the number of other edges left over (cycle_local_search.py).
+
+    Raises ValueError for an unknown method.
     """
     if method not in ("dfs", "support"):
         raise ValueError(f"unknown decomposition '{method}'")

@@ -27,12 +27,12 @@ class FreeEdges:
         return len(self.of[node])
 
     def take(self, pairs: Iterable[Pair]) -> None:
-        """These edges are free no more."""
+        """Remove these edges from the free ones."""
         for a, b in pairs:
             del self.of[a][b], self.of[b][a]
 
     def give(self, pairs: Iterable[Pair]) -> None:
-        """These edges are free again; they come last in the order of the search."""
+        """Return these edges to the free ones; the search considers them last."""
         for a, b in pairs:
             self.of[a][b] = self.of[b][a] = None
 
@@ -52,7 +52,7 @@ class FreeEdges:
 
     def _extensions(self, path: Cycle, length: int) -> Iterator[Cycle]:
         if len(path) == length - 1:
-            # One node is missing: it must be a neighbour of both ends. Looking it up is what makes the search fast.
+            # The one missing node must be a neighbour of both ends; looking it up keeps the search fast.
             for node in self.of[path[-1]]:
                 if node in self.of[path[0]] and node not in path:
                     yield (*path, node)

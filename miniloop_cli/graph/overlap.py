@@ -1,4 +1,4 @@
-"""Who sees the same place: feature matches of pairs of scans, lifted to 3D with their noise."""
+"""The overlap graph: an edge for each pair of scans with enough matches."""
 
 from __future__ import annotations
 

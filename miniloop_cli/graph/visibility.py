@@ -1,4 +1,4 @@
-"""Which scans must see the same place, once their poses are known."""
+"""Which scans see the same place, according to their poses."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from miniloop_cli.typing import Floats, Ints, Pair
 
 SAMPLE = 100  # points that stand for a scan
 MIN_SHARE = 0.3  # of them that must be in view of the other scan
-NEAR_M = 0.2  # nothing is seen nearer
-CELLS = 4  # rows and columns of a view, to tell which part of it points cover
+NEAR_M = 0.2  # nearer points are not seen
+CELLS = 4  # rows and columns of a view, to measure which part of it points cover
 
 
 def sample_points(points: Sequence[ScanPoints]) -> Floats:
@@ -41,7 +41,7 @@ def partners(
     """
     views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
     own = None if group is None else group[scans]
-    for a in range(len(scans)):  # row by row: of a long recording, all pairs do not fit in memory
+    for a in range(len(scans)):  # row by row: all pairs of a long recording do not fit in memory
         share = _mutual_shares(a, *views, MIN_SHARE)
         if own is not None:
             share[own == own[a]] = 0.0
@@ -64,10 +64,10 @@ def pairs_in_view(
 
 
 def shared_with_view(T_world_cam: Floats, sample: Floats, camera: Camera) -> Floats:
-    """(n,) what each scan and the view from T_world_cam (4, 4) both show; sample (n, s, 3) m: its points in the world.
+    """(n,) overlap of each scan with the view from T_world_cam (4, 4); sample (n, s, 3) m: its points in the world.
 
-    The smaller one of two shares: of the points that lie in this view, and of the view that they cover. A scan from
-    much nearer shows a small part of the view only.
+    This is the smaller of two shares: of the scan's points that lie in the view, and of the view that these cover. It
+    is therefore small for a scan from much nearer.
     """
     p_cam = (sample - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
     ahead = p_cam[..., 2] > NEAR_M

@@ -1,1 +1,1 @@
-"""The nouns: scans, edges, poses, recordings."""
+"""Data types: scans, edges, poses, recordings, maps."""

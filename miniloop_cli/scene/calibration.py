@@ -17,15 +17,15 @@ from miniloop_cli.typing import Floats, Ints
 
 
 class Status(IntEnum):
-    """What became of a parameter."""
+    """The outcome for a parameter."""
 
     ESTIMATED = 0
-    UNOBSERVABLE = 1  # the recording hardly tells it: it stays
-    NO_GAIN = 2  # with it, points that did not take part are predicted no better: it stays
+    UNOBSERVABLE = 1  # the recording does not determine it: it keeps its value
+    NO_GAIN = 2  # held-out points are not predicted better with it: it keeps its value
 
 
 class Value(NamedTuple):
-    """A number of the camera: as it was given, as it is now, its standard deviation, what became of it."""
+    """A value of the camera: as given, as it is now, its standard deviation, its status."""
 
     name: str
     given: float
@@ -36,13 +36,13 @@ class Value(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """Parameters `theta` from the camera that was given, their covariance and what became of each.
+    """Parameters `theta` relative to the given camera, their covariance and the status of each.
 
-    theta (p,), covariance (p, p; of those that stay: what was known before), status (p,) numbers of Status, by
-    camera_parameters.NAMES. `gain`: by how much the cost of points that took no part falls, as a share, and
-    `gain_sigma` its standard deviation. `scale_sigma`: of the unit of depth, relative; no recording tells it.
-    `depth_given`: the depth camera that was given, where depth has one of its own that was asked for. `beforehand`: it
-    is from a run before this one, whose features are those of the calibrated camera already.
+    theta (p,), covariance (p, p; the prior for parameters that keep their value), status (p,) numbers of Status, by
+    camera_parameters.NAMES. `gain`: relative decrease of the cost of held-out points, and `gain_sigma` its standard
+    deviation. `scale_sigma`: relative, of the unit of depth, which a recording does not determine. `depth_given`: the
+    given separate depth camera, if it was calibrated. `beforehand`: from an earlier run, so that the features are
+    those of the calibrated camera.
     """
 
     given: Camera
@@ -58,7 +58,7 @@ class Calibration:
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The calibrated depth camera, where depth has one of its own."""
+        """The calibrated depth camera, if it is separate."""
         if self.depth_given is None:
             return None
         found = self.depth_given.moved(self.parameters.of_depth_camera)
@@ -118,7 +118,7 @@ class Calibration:
         return found + self._of_depth_camera(status)
 
     def _of_depth_camera(self, status: list[Status]) -> list[Value]:
-        """Numbers of the depth camera: px, degrees and m; turns and shifts are from where it was given."""
+        """Values of the depth camera: px, degrees and m; rotations and shifts are relative to the given pose."""
         if self.depth_given is None or (own := self.depth_camera) is None:
             return []
         given, now, sigma, step = self.depth_given.camera, own.camera, self.sigmas, self.parameters.of_depth_camera

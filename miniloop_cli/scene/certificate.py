@@ -1,4 +1,4 @@
-"""The certificate of averaging: whether another arrangement of the edges can be better."""
+"""The certificate of averaging: whether other poses can fit the edges better."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from miniloop_cli.scene.sequence import Note, NoteKind
 
 @dataclass(frozen=True)
 class Certificate:
-    """Whether any other arrangement of a pose graph's edges and weights, all components, could be better.
+    """Whether other poses could fit the edges of a pose graph, with the same weights, better; for all components.
 
-    `optimum`: the poses of least cost that were found; `relative_gap`: the cost of the best poses is lower by no more
-    than this share, NaN where nothing was computed, and `problem` says why. `escaped`: averaging had ended in another,
-    worse minimum. `moved_m`: how far the refinement then moved frames (median), NaN before it.
+    `optimum`: the poses of least cost that were found; `relative_gap`: the least possible cost is lower by no more than
+    this share, NaN if it was not computed for the reason `problem`. `escaped`: averaging had ended in another, worse
+    minimum. `moved_m`: by how much the refinement then moved frames (median), NaN before it.
     """
 
     certified: bool
@@ -43,7 +43,7 @@ class Certificate:
 
     @property
     def note(self) -> Note:
-        """The sentence, of a kind that makes the result doubtful where a better arrangement may exist."""
+        """The sentence as a note, which makes the result doubtful if better poses may exist."""
         return Note(NoteKind.PROVEN if self.certified or self.problem else NoteKind.UNPROVEN, self.sentence)
 
     def refined(self, poses: Poses) -> Certificate:

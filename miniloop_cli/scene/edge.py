@@ -1,4 +1,4 @@
-"""A pair of scans as a solver leaves it, and all pairs of a recording as one table."""
+"""A solved pair of scans, and all pairs of a recording as one table."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
-FOLLOWED = "followed"  # in the place of a solver's name: points or surfaces were followed from one to the other
+FOLLOWED = "followed"  # instead of a solver's name: the edge comes from tracked points or surfaces
 
 
 @dataclass(frozen=True)
 class Edge:
-    """One pair of scans, i < j, and what a solver found.
+    """One pair of scans, i < j, and the result of a solver.
 
     `matches` (k, 2) feature rows in i and j, `inliers` (k,); `T_j_i` (4, 4) maps points of scan i into scan j;
     `information` and `covariance` (6, 6) of the perturbation [exp(w) | v] T_j_i; `cycle`: number of the cycle that was
-    solved, -1 for a pair; `loops`: loops over verified edges whose agreement verified it; `confirmed`: something beside
-    the images speaks for it, so that it may stand without a loop of edges; `followed`: points that optical flow
-    followed from i to j and that agree (they are no features, and have no rows).
+    solved, -1 for a pair; `loops`: loops over verified edges whose agreement verified it; `confirmed`: a prior confirms
+    it, so that it needs no loop of edges; `followed`: number of tracked points from i to j that agree (they are not
+    features, and have no rows).
     """
 
     i: int
@@ -50,7 +50,7 @@ class Edge:
 
     @property
     def inlier_count(self) -> int:
-        """How many matches are inliers, or followed points agree."""
+        """Number of inliers, or of tracked points that agree."""
         return int(self.inliers.sum()) + self.followed
 
 
@@ -154,7 +154,7 @@ class EdgeTable:
 
     @property
     def inlier_count(self) -> Ints:
-        """(m,) inliers, or followed points that agree."""
+        """(m,) numbers of inliers, or of tracked points that agree."""
         inliers = np.diff(np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start])
         return inliers + self.followed
 
@@ -212,11 +212,11 @@ class EdgeTable:
         return replace(self, **columns, start=start, matches=self.matches[kept], inliers=self.inliers[kept])
 
     def rounded(self) -> EdgeTable:
-        """With T_j_i to seven decimals: the last bits depend on how a kernel was compiled in this process."""
+        """With T_j_i to seven decimals, as the last bits depend on how this process compiled the kernels."""
         return replace(self, T_j_i=np.round(self.T_j_i, 7) + 0.0, detail=np.round(self.detail, 7) + 0.0)
 
     def inliers_only(self) -> EdgeTable:
-        """The table without the matches that are no inliers."""
+        """The table with inlier matches only."""
         kept = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.inliers)])[self.start]
         return replace(self, start=kept, matches=self.matches[self.inliers], inliers=self.inliers[self.inliers])
 
@@ -225,7 +225,7 @@ class EdgeTable:
         return EdgeTable.of(list({edge.pair: edge for edge in (*self.edges(), *edges)}.values()))
 
     def judged_as(self, other: EdgeTable, which: Bools) -> EdgeTable:
-        """The table with the verdicts and reasons of another one of the same edges, where a mask (m,) says so."""
+        """The table with verdicts and reasons of another one of the same edges, for the edges of a mask (m,)."""
         return replace(
             self,
             verdict=np.where(which, other.verdict, self.verdict),
@@ -248,7 +248,7 @@ class EdgeTable:
         )
 
     def reasons(self) -> list[str]:
-        """Of each edge in words: why it is not verified, or what verified it beside its inliers; else ""."""
+        """A sentence for each edge: why it is not verified, or what verified it besides its inliers; else ""."""
         counts = zip(self.inlier_count.tolist(), self.match_count.tolist(), strict=True)
         said = zip(self.verdict, self.rejection, self.detail.tolist(), self.loops, counts, strict=True)
         return [

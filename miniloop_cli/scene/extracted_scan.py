@@ -1,4 +1,4 @@
-"""Features of one scan and what the report says of its frame."""
+"""Features of one scan and the properties of its frame for the report."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from miniloop_cli.scene.thumbnail import View
 
 @dataclass(frozen=True)
 class ExtractedScan:
-    """Features of one scan, its small picture, and what the report says of its frame.
+    """Features of one scan, its view, and the properties of its frame for the report.
 
-    `problem`: why it could not be used, or ""; then there is no `view`.
+    `problem`: why it cannot be used, or ""; with a problem there is no `view`.
     """
 
     features: ScanFeatures

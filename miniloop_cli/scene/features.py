@@ -15,8 +15,8 @@ from miniloop_cli.typing import Bools, Floats
 class ScanFeatures:
     """Features of one scan: those with depth first, each part strongest first.
 
-    px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; slope: (n, 2) how depth changes
-    along the image there (m/px), 0 where it is not smooth; outline: (n,) bool, depth jumps within the feature;
+    px: (n, 2) measured pixels; px_ideal: (n, 2) undistorted; z_m: (n,) depth or NaN; slope: (n, 2) change of depth
+    along the image (m/px), 0 where it is not smooth; outline: (n,) bool, depth jumps within the feature;
     descriptors: (n, d).
     """
 
@@ -29,7 +29,7 @@ class ScanFeatures:
 
     @property
     def with_depth(self) -> int:
-        """How many features have a depth: the first so many rows."""
+        """Number of features with a depth, which are the first rows."""
         return int(np.isfinite(self.z_m).sum())
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""One stored image of a recording, wherever it lies: in a file, an archive, a video, a bag."""
+"""One stored image of a recording: in a file, an archive, a video, a bag."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What a stored image says it is: its size in pixels, bits a channel, channels, and its format's name."""
+    """The properties stated by a stored image: size in pixels, bits a channel, channels, name of the format."""
 
     width: int
     height: int
@@ -23,16 +23,16 @@ class ImageHeader:
 
 
 class ImageSource(Protocol):
-    """Where an image lies and how it is read.
+    """The position of an image, and its reader.
 
-    A source is a small frozen value: it holds neither pixels nor an open file, so that a recording of any length fits
-    in memory and its frames go to other threads and processes (it must be picklable, and compare by value). A
-    container that is slow to open is kept open by the reader's own module, once a process.
+    A source is a small frozen value without pixels or open files, so that a recording of any length fits in memory and
+    its frames can be sent to other threads and processes (it must be picklable, and compare by value). A container that
+    is slow to open is kept open by the reader's module, once a process.
     """
 
     @property
     def name(self) -> str:
-        """The path of the file; within a container, its path and then the name inside. For messages."""
+        """The path of the file, in a container followed by the name inside; for messages."""
 
     def header(self) -> ImageHeader:
         """Size and type, without decoding. Raises InputError (reason only)."""
@@ -41,4 +41,4 @@ class ImageSource(Protocol):
         """The pixels as stored: (h, w, 3) RGB or (h, w), uint8 or uint16. Raises InputError (reason only)."""
 
     def fingerprint(self) -> str:
-        """Hash of the content, of its absence where it cannot be read: what is kept of the image goes by this."""
+        """Hash of the content, or of its absence if it cannot be read; part of cache keys."""

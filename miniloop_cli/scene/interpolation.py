@@ -36,7 +36,7 @@ def associate(
     max_diff_s: float = 0.02,
     max_gap_s: float = 0.1,
 ) -> tuple[Floats, Bools]:
-    """(n, 4, 4) ground-truth poses at (n,) frame stamps, and (n,) whether each can be relied on.
+    """(n, 4, 4) ground-truth poses at (n,) frame stamps, and (n,) whether each is valid.
 
     "interpolate": between the two samples around the stamp (before the first and after the last: that sample), if
     they are at most `max_gap_s` apart or one of them is within `max_diff_s` of the stamp. "nearest": the nearest

@@ -1,4 +1,4 @@
-"""Points of the scene that the bundle adjustment placed, and where they were seen."""
+"""Points of the scene from the bundle adjustment, and their observations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.typing import Bools, Floats, Floats32
 
 @dataclass(frozen=True)
 class Landmarks:
-    """`points_world` (p, 3) metres; k sightings, by point, then by frame: `point` (k,), `frame` (k,) and `px` (k, 2).
+    """`points_world` (p, 3) metres; k observations, by point, then by frame: `point` (k,), `frame` (k,), `px` (k, 2).
 
     Pixels are those of the features, without lens distortion, pixel centres at integers. No frame sees a point twice.
     """
@@ -23,7 +23,7 @@ class Landmarks:
     px: Floats32
 
     def seen_at(self, rows: Bools, min_frames: int = 2) -> Landmarks:
-        """These sightings (k,) only, of the points that then still have `min_frames`, numbered anew."""
+        """These observations (k,) of the points that still have `min_frames`; points are renumbered."""
         count = np.bincount(self.point[rows], minlength=len(self.points_world))
         kept = count >= min_frames
         rows = rows & kept[self.point]

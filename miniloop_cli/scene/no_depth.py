@@ -1,4 +1,4 @@
-"""The depth of a colour image that no depth image belongs to."""
+"""The depth of a colour image without a depth image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.typing import UInt16s
 
 @dataclass(frozen=True)
 class NoDepth:
-    """An image source without a reading anywhere, as large as the colour image."""
+    """An image source without any reading, of the size of the colour image."""
 
     color: ImageSource
 

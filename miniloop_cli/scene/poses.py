@@ -1,4 +1,4 @@
-"""One pose a scan, and the edges that poses rest on."""
+"""One pose a scan, and the edges that poses depend on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bools, Floats, Ints
 
-FEW_EDGES = 3  # a scan that hangs on fewer verified edges may use its weak ones
+FEW_EDGES = 3  # a scan with fewer verified edges may use its weak ones
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Poses:
 
 
 def usable_edges(edges: EdgeTable, count: int) -> Bools:
-    """(m,) verified edges, and the weak ones of scans that would hang on fewer than three."""
+    """(m,) verified edges, and the weak ones of scans with fewer than FEW_EDGES verified ones."""
     few = np.bincount(edges.pairs[edges.verified].ravel(), minlength=count) < FEW_EDGES
     return edges.verified | ((edges.verdict == Verdict.WEAK) & (few[edges.i] | few[edges.j]))
 
 
 def residuals(edges: EdgeTable, T_world_cam: Floats) -> tuple[Floats, Floats]:
-    """Of each edge against the poses: rotation (m,) degrees, translation (m,) metres."""
+    """Differences between edges and poses: rotations (m,) degrees, translations (m,) metres."""
     expected = se3.inverse(T_world_cam[edges.j]) @ T_world_cam[edges.i]
     rotation = expected[:, :3, :3] @ np.swapaxes(edges.T_j_i[:, :3, :3], 1, 2)
     distance = np.linalg.norm(expected[:, :3, 3] - edges.T_j_i[:, :3, 3], axis=1)

@@ -1,4 +1,4 @@
-"""What is known of the frames beside their images."""
+"""Prior knowledge of frames: accelerometer readings and rough poses."""
 
 from __future__ import annotations
 
@@ -24,16 +24,15 @@ class Accelerometer:
     source: str = "the accelerometer's file"
 
     def turned(self, R: Floats) -> Accelerometer:
-        """In axes that R (3, 3) maps those of now into."""
+        """The readings with their axes mapped by R (3, 3)."""
         return replace(self, readings=self.readings @ R.T, up=self.up @ R.T)
 
 
 @dataclass(frozen=True)
 class Vertical:
-    """Readings in the axes of the cameras (x right, y down, z forward), and how far their mean directions are off.
+    """Readings in the axes of the cameras (x right, y down, z forward), and the error of their mean directions.
 
-    sigma_deg: at the median, from the edges that the images alone are sure of. R_cam_sensor (3, 3): from the sensor's
-    own axes into the camera's.
+    sigma_deg: the median, against sure edges. R_cam_sensor (3, 3): from the sensor's axes to the camera's.
     """
 
     accelerometer: Accelerometer
@@ -48,9 +47,9 @@ class Vertical:
 
 @dataclass(frozen=True)
 class Priors:
-    """Of n frames: what an accelerometer read, and rough poses `T_world_cam` (n, 4, 4); None where not given.
+    """Priors of n frames: accelerometer readings, and rough poses `T_world_cam` (n, 4, 4); None if not given.
 
-    Rows of frames of which nothing is known are NaN. `notes`: what was converted when they were read.
+    Rows of frames without a prior are NaN. `notes`: conversions while reading.
     """
 
     accelerometer: Accelerometer | None = None

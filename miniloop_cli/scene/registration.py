@@ -22,9 +22,9 @@ from miniloop_cli.typing import Bytes, Floats, Ints
 
 
 class RegistrationError(MiniloopError):
-    """The scans could be read but no trajectory can be had from them (says why).
+    """The scans could be read, but give no trajectory; the message names the reason.
 
-    `run` is what was found until then, for the report.
+    `run`: the results up to then, for the report.
     """
 
     def __init__(self, message: str, run: Registration | None = None) -> None:
@@ -34,18 +34,16 @@ class RegistrationError(MiniloopError):
 
 @dataclass(frozen=True)
 class Registration:
-    """What a run found: scans with their features, judged edges, poses with covariances, seconds a stage.
+    """The result of a run: scans with their features, judged edges, poses with covariances, seconds a stage.
 
-    `timings_s` are by the clock, `cpu_timings_s` of the processor, all threads of the process together.
-    `notes`: those of the recording, and what became of gravity and of a pose prior. `tracking` (n,): numbers of
-    TrackStatus, None where no points were followed. `certificate`: what is proven of the arrangement of the edges.
-    `leveled`: gravity turned the world so that z is up.
-    `landmarks`: points of the bundle adjustment; none where there was no such adjustment.
-    `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None
+    `timings_s` is elapsed time, `cpu_timings_s` that of the processor, all threads of the process together.
+    `notes`: those of the recording, of gravity and of a pose prior. `tracking` (n,): numbers of TrackStatus, None
+    without tracking. `certificate`: of the averaged poses. `leveled`: the world was rotated by gravity so that z is up.
+    `landmarks`: points of the bundle adjustment; none without one.
+    `velocity` (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was corrected; None
     without timing.
     `thumbnails`: small JPEG files by frame, of those that tracking read; none without it.
-    `calibration`: what the recording told of its camera, where it was asked; the camera of the sequence is then the
-    calibrated one.
+    `calibration`: the estimated camera, if it was requested; it is then the camera of the sequence.
     """
 
     sequence: Sequence

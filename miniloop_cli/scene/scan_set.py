@@ -1,4 +1,4 @@
-"""All scans of a recording, with what was extracted from each."""
+"""All scans of a recording, with their features."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from miniloop_cli.typing import Floats, Ints
 
 @dataclass(frozen=True)
 class ScanSet:
-    """n scans of one sequence; `feature_type`: what their descriptors are; `key` names them and how they were made."""
+    """n scans of one sequence; `feature_type` of their descriptors; `key`: hash of all their inputs."""
 
     sequence: Sequence
     extracted: Many[ExtractedScan]
@@ -51,7 +51,7 @@ class ScanSet:
 
     @property
     def thumbnails(self) -> list[View | None]:
-        """Small picture of each scan; None of those that could not be read."""
+        """The view of each scan; None for unreadable ones."""
         return [scan.view for scan in self.extracted]
 
     @property
@@ -61,5 +61,5 @@ class ScanSet:
 
     @property
     def depth_stamps_s(self) -> Floats:
-        """(n,) depth stamps; those of colour where depth has none of its own."""
+        """(n,) depth stamps; those of colour if depth has none."""
         return self.sequence.depth_stamps_s

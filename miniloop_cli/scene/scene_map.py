@@ -1,4 +1,4 @@
-"""A result that can be used again: what is kept of each recording, and how the recordings lie to each other."""
+"""A map: the stored data of each recording, and the relative poses of the recordings."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from miniloop_cli.typing import Floats, Floats32, Ints, Pair
 
 @dataclass(frozen=True)
 class MapPart:
-    """One recording, registered by itself: its trajectory in a world of its own, and k keyframes to go on with.
+    """One recording, registered by itself: its trajectory in its own world, and k keyframes to match others with.
 
-    `source`, `layout`: where it lay and how it was read; `total`: its frames, registered or not. Of the n registered
-    frames: frame (n,) numbers in the recording, stamps_s (n,), T_world_cam (n, 4, 4), covariance (n, 6, 6) of (w, v)
-    in T_world_cam [exp(w) | v], NaN where unknown. Of the keyframes: keyframe (k,) rows of these; images (k,) hashes of
-    their colour images; features, with depth, as if each image had been taken at one instant; views. `edges` join
-    keyframes; they have inlier matches only. `timing`: what was undone.
+    `source`, `layout`: its path and its layout; `total`: its frames, registered or not. For the n registered frames:
+    frame (n,) numbers in the recording, stamps_s (n,), T_world_cam (n, 4, 4), covariance (n, 6, 6) of (w, v) in
+    T_world_cam [exp(w) | v], NaN where unknown. For the keyframes: keyframe (k,) rows of these; images (k,) hashes of
+    their colour images; features with depth, corrected to one instant for each image; views. `edges` join keyframes;
+    they have inlier matches only. `timing`: the corrected timing.
     """
 
     name: str
@@ -58,8 +58,8 @@ class MapPart:
 class MapPoints:
     """Points of the map: points_m (p, 3) in the map's world, covariances_m2 (p, 3, 3).
 
-    of_feature (f,): the point that each feature shows, features counted through all keyframes; -1 for those that only
-    their own keyframe saw.
+    of_feature (f,): the point of each feature, with features counted through all keyframes; -1 for features seen in one
+    keyframe only.
     """
 
     points_m: Floats
@@ -69,7 +69,7 @@ class MapPoints:
 
 @dataclass(frozen=True)
 class Retrieval:
-    """What keyframes are found by: words (w, d) of a vocabulary, vectors (K, w d) of the keyframes, of length 1."""
+    """The retrieval index: words (w, d) of a vocabulary, unit vectors (K, w d) of the keyframes."""
 
     words: Floats32
     vectors: Floats32
@@ -77,14 +77,14 @@ class Retrieval:
 
 @dataclass(frozen=True)
 class Joined:
-    """How the recordings of a map lie to each other; K keyframes, those of all recordings one after the other.
+    """The relative poses of the recordings of a map; K keyframes, those of all recordings one after the other.
 
-    T_world_cam (K, 4, 4), covariance (K, 6, 6) as in MapPart; piece (r,) of each recording: recordings of one number
-    share one world, 0 the piece of most keyframes. `solved`: for each pair of recordings the edges between their
-    keyframes as they were solved, numbered within the two, those of the first recording before those of the second.
-    `edges`: those between recordings that the poses rest on, numbered through the map. `doubts`: what speaks against
-    how recordings lie to each other, in sentences. `certified`: whether no other arrangement of the edges of recordings
-    that are joined is better, and by what share of the cost at most: `relative_gap`, infinite where it is not known.
+    T_world_cam (K, 4, 4), covariance (K, 6, 6) as in MapPart; piece (r,) of each recording: recordings with one number
+    share one world, 0 is the piece of most keyframes. `solved`: for each pair of recordings the solved edges between
+    their keyframes, numbered within the two, those of the first recording before those of the second. `edges`: those
+    between recordings that the poses depend on, numbered through the map. `doubts`: sentences on what contradicts the
+    relative poses of recordings. `certified`: whether no other poses fit the edges of joined recordings better by more
+    than the share `relative_gap` of the cost, infinite if unknown.
     """
 
     T_world_cam: Floats
@@ -111,7 +111,7 @@ def recording_of_keyframes(parts: Sequence[MapPart]) -> Ints:
 
 @dataclass(frozen=True)
 class SceneMap:
-    """Recordings, how they lie to each other, and the settings (as saved) and the seed that made them."""
+    """Recordings, their relative poses, and the settings (as saved) and the seed of their registration."""
 
     parts: tuple[MapPart, ...]
     joined: Joined
@@ -120,7 +120,7 @@ class SceneMap:
 
     @property
     def feature_type(self) -> str:
-        """What the descriptors of all keyframes are."""
+        """The type of all descriptors."""
         return self.parts[0].feature_type
 
     @cached_property
@@ -135,7 +135,7 @@ class SceneMap:
 
     @cached_property
     def features(self) -> list[ScanFeatures]:
-        """Of all keyframes."""
+        """Features of all keyframes."""
         return [features for part in self.parts for features in part.features]
 
     @cached_property
@@ -144,5 +144,5 @@ class SceneMap:
         return np.cumsum([0, *(len(features) for features in self.features)])
 
     def keyframes_of(self, part: int) -> slice:
-        """Where the keyframes of a recording lie among all."""
+        """The range of a recording's keyframes among all."""
         return slice(int(self.first[part]), int(self.first[part + 1]))

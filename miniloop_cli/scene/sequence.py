@@ -1,4 +1,4 @@
-"""What every dataset reader returns: an ordered list of colour + depth frames, one camera, perhaps a ground truth."""
+"""A recording: an ordered list of colour and depth frames, one camera, perhaps a ground truth."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
 @dataclass(frozen=True)
 class Frame:
-    """One RGB-D frame as it is stored: the colour stamp names it (s)."""
+    """One stored RGB-D frame; its time is the colour stamp (s)."""
 
     timestamp_s: float
     color: ImageSource
     depth: ImageSource
-    mask: ImageSource | None = None  # pixels to ignore, where the recording comes with masks
-    depth_timestamp_s: float | None = None  # where depth has stamps of its own
-    camera: Camera | None = None  # its own intrinsics where they differ: it is read as the recording's camera sees it
+    mask: ImageSource | None = None  # pixels to ignore, if the recording has masks
+    depth_timestamp_s: float | None = None  # if depth has its own stamps
+    camera: Camera | None = None  # its own intrinsics, if they differ: it is resampled to the recording's camera
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Trajectory:
 
     timestamps_s: Floats
     T_world_cam: Floats
-    source: str = ""  # for people: the format of the file, and what was converted
+    source: str = ""  # for messages: the format of the file, and conversions
 
 
 @dataclass(frozen=True)
 class Scan:
     """One decoded frame: (h, w, 3) uint8 RGB and (h, w) float32 depth in metres, 0 = no reading.
 
-    `mask`, where there is one, is (h, w) bool, True = ignore this pixel; the depth is already 0 there.
+    `mask`, if there is one, is (h, w) bool, True = ignore this pixel; the depth is already 0 there.
     """
 
     color: Bytes
@@ -49,32 +49,32 @@ class Scan:
 
 
 class NoteKind(StrEnum):
-    """What was done with a recording, or with what is known beside its images, that its user did not ask for."""
+    """The kinds of notes on a recording and its priors: what was done without the user's request."""
 
     DROPPED = "dropped"  # files or rows that are not used
     MOST_DROPPED = "most dropped"  # most images are not used: the result is doubtful
-    ASSUMED = "assumed"  # what nothing states
-    CONTRADICTED = "contradicted"  # assumed, and the recording speaks against it: the result is doubtful
-    PAIRED = "paired"  # how images found their partners
+    ASSUMED = "assumed"  # not stated by any file
+    CONTRADICTED = "contradicted"  # assumed, and the recording contradicts it: the result is doubtful
+    PAIRED = "paired"  # how colour and depth images were paired
     CONVERTED = "converted"  # from other units or formats
-    UNUSED = "unused"  # what lies beside the images and is not read
-    PRIOR = "prior"  # what became of gravity and of a pose prior
-    PROVEN = "proven"  # what is proven of the arrangement of the edges
-    IMPOSSIBLE_MOTION = "impossible motion"  # a step of the path that nothing confirms: the result is doubtful
-    AMBIGUOUS = "ambiguous"  # a part of the path fits elsewhere nearly as well: the result is doubtful
-    UNPROVEN = "unproven"  # another arrangement of the edges may be better: the result is doubtful
+    UNUSED = "unused"  # files beside the images that are not read
+    PRIOR = "prior"  # the use of gravity and of a pose prior
+    PROVEN = "proven"  # the certificate of the averaged poses
+    IMPOSSIBLE_MOTION = "impossible motion"  # an unconfirmed large step of the path: the result is doubtful
+    AMBIGUOUS = "ambiguous"  # a part of the path fits at another place nearly as well: the result is doubtful
+    UNPROVEN = "unproven"  # other poses may fit the edges better: the result is doubtful
 
 
 @dataclass(frozen=True)
 class Note:
-    """One sentence on what happened between folder and frames, with number and reason."""
+    """One sentence on how a recording was read, with number and reason."""
 
     kind: NoteKind
     text: str
 
     @property
     def doubtful(self) -> bool:
-        """Whether the user should see it unasked: something is missing from the result, or may be wrong."""
+        """Whether it is shown even without --verbose: something is missing from the result, or may be wrong."""
         return self.kind in (NoteKind.DROPPED, NoteKind.MOST_DROPPED, NoteKind.ASSUMED, NoteKind.CONTRADICTED)
 
     def __str__(self) -> str:
@@ -88,9 +88,9 @@ def dropped_images(text: str, left: int, total: int) -> Note:
 
 @dataclass(frozen=True)
 class ColorOnly:
-    """Colour images that no depth image belongs to.
+    """Colour images without a depth image.
 
-    left_out: the note that they are not used; taken_in: the notes in its place where points are followed through them.
+    left_out: the note that they are not used; taken_in: the notes that replace it if points are tracked through them.
     """
 
     frames: tuple[Frame, ...]
@@ -103,14 +103,14 @@ class DepthFormat:
     """How a layout stores depth beyond the camera's scale."""
 
     no_reading: tuple[float, ...] = ()  # stored values that mean "no reading", besides 0
-    no_reading_found: bool = False  # some of these were told from the images; no one states them
+    no_reading_found: bool = False  # some of these were found from the images, not stated
     floating: bool = False  # stored as floating-point numbers, not as 16-bit integers
     resample: bool = False  # depth may be a registered image of lower resolution (phones): nearest neighbour
 
 
 @dataclass(frozen=True)
 class DepthCamera:
-    """The camera that depth was measured by, where depth is not registered to colour; it is registered as it is read.
+    """The depth camera of depth that is not registered to colour; depth is registered while it is read.
 
     `pose_rows` are the 16 numbers of T_color_depth (points of the depth camera to those of the colour camera, m), row
     by row.
@@ -121,7 +121,7 @@ class DepthCamera:
 
     @property
     def T_color_depth(self) -> Floats:
-        """(4, 4)."""
+        """(4, 4) pose of the depth camera in the frame of the colour camera, m."""
         return np.array(self.pose_rows).reshape(4, 4)
 
     def moved(self, step: Floats) -> DepthCamera:
@@ -130,7 +130,7 @@ class DepthCamera:
         return DepthCamera(camera, tuple(T.ravel().tolist()))
 
     def sees_as(self, color: Camera) -> bool:
-        """Whether a pixel of depth is taken to be that of colour: the same camera at the same place."""
+        """Whether depth and colour have the same pixels: the same camera at the same pose."""
         own = self.camera
         same = (own.fx, own.fy, own.cx, own.cy, own.lens) == (color.fx, color.fy, color.cx, color.cy, color.lens)
         return same and bool(np.array_equal(self.T_color_depth, np.eye(4)))
@@ -141,20 +141,20 @@ class Sequence:
     """An RGB-D recording. Frames are sorted by time; decoding happens in `read_scan`, one frame at a time."""
 
     name: str
-    root: Path  # its folder, or the one file that holds all of it
+    root: Path  # its folder, or its one file
     camera: Camera
     frames: tuple[Frame, ...]
     ground_truth_path: Path | None = None  # a file, or the folder of one pose file a frame; see read_ground_truth
-    notes: tuple[Note, ...] = field(default=())  # what the reader dropped, assumed ..., for terminal, log and report
+    notes: tuple[Note, ...] = field(default=())  # for terminal, log and report
     available: tuple[int, int] = (0, 0)  # colour and depth images before they were paired; 0: not counted
     depth_format: DepthFormat = DepthFormat()
-    layout: str = ""  # the name of the layout that read it; `open_sequence` fills it in
-    depth_camera: DepthCamera | None = None  # where depth is not registered to colour
-    topics: str = ""  # of a bag, as the user named them
-    color_only: ColorOnly | None = None  # left out, unless points are followed from frame to frame
+    layout: str = ""  # the name of its layout, set by `open_sequence`
+    depth_camera: DepthCamera | None = None  # if depth is not registered to colour
+    topics: str = ""  # of a bag, as given by the user
+    color_only: ColorOnly | None = None  # left out, unless points are tracked from frame to frame
 
     def with_frames(self, change: Callable[[Frame], Frame]) -> Sequence:
-        """The recording with every frame changed, those without depth, too."""
+        """The recording with every frame changed, also those without depth."""
         alone = self.color_only
         changed = replace(alone, frames=tuple(map(change, alone.frames))) if alone else None
         return replace(self, frames=tuple(map(change, self.frames)), color_only=changed)
@@ -162,7 +162,7 @@ class Sequence:
     def thinned(self, count: int) -> Sequence:
         """Evenly spaced frames, at most so many.
 
-        Images that are left out on purpose are not images without partner.
+        Notes on images without partner do not include the frames that are left out here.
         """
         if count >= len(self.frames):
             return self

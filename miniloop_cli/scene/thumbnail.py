@@ -1,4 +1,4 @@
-"""A small picture of a scan, cell by cell, with depth."""
+"""The view of a scan: a small image with depth."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from miniloop_cli.typing import Floats32
 
 @dataclass(frozen=True)
 class View:
-    """A scan as a small picture in undistorted pixels, all (rows, COLUMNS) float32, 0 where there is no reading.
+    """A scan as a small image of undistorted cells, all (rows, COLUMNS) float32, 0 where there is no reading.
 
-    `gray`: mean brightness; `z_m`: depth of cells that lie on one surface; `low_m`, `high_m`: nearest and farthest
-    depth of a cell and its eight neighbours.
+    `gray`: mean brightness; `z_m`: depth of cells on one surface; `low_m`, `high_m`: nearest and farthest depth of a
+    cell and its eight neighbours.
     """
 
     gray: Floats32

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Timing:
-    """readout_s: from the first row of a colour image to the last; lag_s: depth was taken so much after its stamp."""
+    """readout_s: from the first row of a colour image to the last; lag_s: from the stamp of depth to its exposure."""
 
     readout_s: float = 0.0
     lag_s: float = 0.0

@@ -1,4 +1,4 @@
-"""What following points through a recording has shown: keyframes, motions between frames, places of points."""
+"""The result of tracking through a recording: keyframes, motions between frames, observations of points."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from miniloop_cli.typing import Bools, Bytes, Floats, Ints
 
 
 class TrackStatus(IntEnum):
-    """What became of a frame in the front end."""
+    """The status of a frame in the front end."""
 
-    FOLLOWED = 0  # points tie it to a keyframe
+    FOLLOWED = 0  # points link it to a keyframe
     KEYFRAME = 1
     UNREADABLE = 2
     BLANK = 3  # black, or of one colour
-    NO_DEPTH = 4  # nor points that tie it to a keyframe
+    NO_DEPTH = 4  # and no points that link it to a keyframe
 
 
 class Repeat(IntEnum):
-    """Which image of a frame is that of the frame before, to the last bit: no sensor measures the same twice."""
+    """Which images of a frame equal those of the frame before exactly, which no sensor produces."""
 
     NONE = 0
     COLOR = 1
@@ -35,7 +35,7 @@ class Repeat(IntEnum):
 
 @dataclass(frozen=True)
 class Observations:
-    """Points followed by optical flow, k of them: frame, track (k,); px, px_ideal (k, 2); z_m (k,) or NaN;
+    """Points tracked by optical flow, k of them: frame, track (k,); px, px_ideal (k, 2); z_m (k,) or NaN;
     slope (k, 2) m/px, of depth along the image."""
 
     frame: Ints
@@ -70,11 +70,11 @@ class Link:
 
 @dataclass(frozen=True)
 class FrameMotions:
-    """What following showed of n frames, a row each.
+    """The result of tracking for n frames, a row each.
 
-    status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the frame that each was followed from, -1 none;
+    status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the keyframe of each, -1 none;
     T_cam_key (n, 4, 4) from the key's camera to the frame's, information (n, 6, 6) of (w, v) in [exp(w) | v] T_cam_key;
-    support (n,) points that agree on it; by_surface (n,) bool: depth and brightness told it, as no points could;
+    support (n,) points that agree on it; by_surface (n,) bool: it comes from depth and brightness, without points;
     repeat (n,) numbers of Repeat.
     """
 
@@ -92,7 +92,7 @@ class FrameMotions:
 
 
 COLUMNS = tuple(column.name for column in fields(FrameMotions))
-PICTURE = "thumbnail_"  # before the number of its frame: the name of an array
+PICTURE = "thumbnail_"  # prefix of the number of its frame in the name of an array
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class TrackedPart(FrameMotions):
 
     @staticmethod
     def of(first: int, last: int) -> TrackedPart:
-        """A part of which nothing is known yet."""
+        """An empty part."""
         n = last - first + 1
         return TrackedPart(
             status=np.zeros(n, np.int64),
@@ -123,7 +123,7 @@ class TrackedPart(FrameMotions):
         )
 
     def set(self, frame: int, status: TrackStatus, problem: str = "") -> None:
-        """Set the status of a frame, and why it is so."""
+        """Set the status of a frame, and its reason."""
         self.status[frame - self.first] = status
         self.problem[frame - self.first] = problem[:400]
 
@@ -134,7 +134,7 @@ class TrackedPart(FrameMotions):
         self.support[row], self.by_surface[row] = motion.support, motion.by_surface
 
     def observe(self, seen: Observations) -> None:
-        """Add what a frame sees of followed points."""
+        """Add observations of tracked points."""
         self.seen.append(seen)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -167,7 +167,7 @@ class Tracked(FrameMotions):
         n = parts[-1].first + len(parts[-1])
         whole, seen, tracks = TrackedPart.of(0, n - 1), [], 0
         for part in parts:
-            # The frame that two parts share keeps the motion that leads to it, which only the earlier part knows.
+            # A frame that two parts share gets its motion from the earlier part, as the later one starts there.
             skip = int(part.first > 0)
             rows = slice(part.first + skip, part.first + len(part))
             for name in COLUMNS:
@@ -185,7 +185,7 @@ class Tracked(FrameMotions):
         return np.flatnonzero(self.status == TrackStatus.KEYFRAME)
 
     def all_poses(self, keyframe_poses: Poses) -> Poses:
-        """Poses of all frames: those between keyframes by the motion since the one they were followed from."""
+        """Poses of all frames: those between keyframes by the motion since their keyframe."""
         n, keyframes = len(self), self.keyframes
         T, component = np.tile(np.eye(4), (n, 1, 1)), np.full(n, -1)
         T[keyframes], component[keyframes] = keyframe_poses.T_world_cam, keyframe_poses.component

@@ -10,7 +10,7 @@ from miniloop_cli.typing import Floats, Ints
 
 
 class GraphError(RegistrationError):
-    """The view graph cannot be averaged: not connected, or edges that are no edges."""
+    """The view graph cannot be averaged: it is not connected, or has impossible edges."""
 
 
 def components(count: int, pairs: ArrayLike) -> Ints:
@@ -35,12 +35,12 @@ def components(count: int, pairs: ArrayLike) -> Ints:
 
 
 def bridges(pairs: Ints, piece: Ints) -> Ints:
-    """Which of the edges (m, 2) between scans lie on no loop, where other edges join the scans to pieces (n,)."""
+    """Which of the edges (m, 2) between scans lie on no loop, given pieces (n,) that other edges join."""
     ends = np.sort(piece[pairs], axis=1)
     across = np.flatnonzero(ends[:, 0] != ends[:, 1])
     if not len(across):
         return across
-    import networkx as nx  # most recordings are one piece, and need not wait for it
+    import networkx as nx  # imported here, as most recordings are one piece and do not need it
 
     joins, which, times = np.unique(ends[across], axis=0, return_inverse=True, return_counts=True)
     found = set(map(frozenset, nx.bridges(nx.Graph(joins.tolist()))))
@@ -49,7 +49,7 @@ def bridges(pairs: Ints, piece: Ints) -> Ints:
 
 
 def checked_pairs(count: int, pairs: ArrayLike) -> Ints:
-    """`pairs` as (m, 2) int64; GraphError unless every edge joins two different scans of 0..count-1."""
+    """`pairs` as (m, 2) int64; raises GraphError unless every edge joins two different scans of 0..count-1."""
     pairs = np.ascontiguousarray(np.asarray(pairs, dtype=np.int64).reshape(-1, 2))
     wrong = (pairs < 0).any(1) | (pairs >= count).any(1) | (pairs[:, 0] == pairs[:, 1])
     if wrong.any():
@@ -59,7 +59,7 @@ def checked_pairs(count: int, pairs: ArrayLike) -> Ints:
 
 
 def checked_weights(weights: ArrayLike | None, edges: int) -> Floats:
-    """Edge weights (m,), the largest 1; None: all 1. GraphError for shapes, signs or values that are no weights."""
+    """Edge weights (m,), the largest 1; None: all 1. Raises GraphError for wrong shapes, signs or values."""
     if weights is None:
         return np.ones(edges)
     weights = np.array(weights, dtype=np.float64)
