@@ -33,13 +33,13 @@ class BlockPattern:
         self._by_column = np.lexsort((row, column))
         start = np.searchsorted(column[self._by_column], np.arange(m + 1))
         self.start, self.row = _factor_pattern(start, row[self._by_column])
-        # Where each given block stands in the factor: column `column`, ascending rows.
+        # Position of each given block in the factor: column `column`, ascending rows.
         key = np.repeat(np.arange(m), np.diff(self.start)) * m + self.row
         self._slot = np.searchsorted(key, column * m + row)
 
     @property
     def products(self) -> float:
-        """Multiplications that a factorisation takes, about."""
+        """About how many multiplications a factorisation takes."""
         below = np.diff(self.start) - 1.0
         return float(216 * (below**2).sum())
 
@@ -50,7 +50,7 @@ class BlockPattern:
         definite.
         """
         L = np.zeros((len(self.row), 6, 6))
-        for low in range(0, len(self._slot), COPIED):  # a long recording has blocks of hundreds of megabytes
+        for low in range(0, len(self._slot), COPIED):  # the blocks of a long recording take hundreds of megabytes
             some = slice(low, low + COPIED)
             part = blocks[some] if kept is None else blocks[kept[some]]
             L[self._slot[some]] = np.where(self._flipped[some, None, None], part.transpose(0, 2, 1), part)
@@ -110,7 +110,7 @@ def _factor_pattern(start: Ints, row: Ints) -> tuple[Ints, Ints]:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _subtract(B: Floats, b: int, A: Floats, a: int, C: Floats, c: int) -> None:
-    """C[c] -= B[b]^T A[a], all 6 x 6: written so that the inner loop vectorises."""
+    """C[c] -= B[b]^T A[a], all 6 x 6; the inner loop vectorises."""
     for j in range(6):
         b0, b1, b2, b3, b4, b5 = B[b, 0, j], B[b, 1, j], B[b, 2, j], B[b, 3, j], B[b, 4, j], B[b, 5, j]
         for i in range(6):
@@ -126,9 +126,9 @@ def _subtract(B: Floats, b: int, A: Floats, a: int, C: Floats, c: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _factor(start: Ints, row: Ints, L: Floats) -> bool:
-    """A's blocks in L's places become L; False if a pivot is not positive. All blocks are stored transposed."""
+    """The blocks of A, at the positions of L, become L; False if a pivot is not positive. All blocks are transposed."""
     m = len(start) - 1
-    # Columns that still have rows to give, in lists by their next row; `at`: where that row stands.
+    # Lists of the columns with rows still to be used, by their next row; `at`: position of that row.
     head, after, at = np.full(m, -1), np.full(m, -1), np.zeros(m, np.int64)
     slot = np.zeros(m, np.int64)
     for j in range(m):
@@ -199,7 +199,7 @@ def _solve(start: Ints, row: Ints, L: Floats, x: Floats) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
-    """Blocks of the inverse in L's places, stored transposed as well."""
+    """Blocks of the inverse at the positions of L, also transposed."""
     m = len(start) - 1
     Z = np.zeros_like(L)
     slot = np.full(m, -1)
@@ -225,7 +225,7 @@ def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
                     for k in range(b, 6):
                         x += L[p, k, a] * inverse[k, b]
                     W[p - first, a, b] = x
-        for p in range(first + 1, last):  # block (q, k) serves Z_qj and, turned over, Z_kj
+        for p in range(first + 1, last):  # block (q, k) contributes to Z_qj and, transposed, to Z_kj
             k = row[p]
             _subtract(W, p - first, Z, start[k], Z, p)
             for q in range(start[k] + 1, start[k + 1]):

@@ -14,9 +14,9 @@ from miniloop_cli.typing import Bools, Floats, Ints
 Method = Literal["dense", "sparse", "gradients"]
 
 SMALL = 128  # poses: a dense factorisation takes milliseconds
-DENSE_UP_TO = 300  # poses; beyond, gradients are faster where most poses see each other
-FULL_SHARE = 0.5  # of the blocks: where more are there, the factor has them all
-SPARSE_WORK = 0.15  # of the products of a dense factorisation; BLAS makes a product in a sixth of the time
+DENSE_UP_TO = 300  # poses; beyond, conjugate gradients are faster where most poses see each other
+FULL_SHARE = 0.5  # of the blocks: with more of them, the factor is dense
+SPARSE_WORK = 0.15  # of the products of a dense factorisation, which BLAS computes six times faster each
 TOLERANCE, MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a share of the right-hand side
 
 
@@ -34,9 +34,9 @@ class BlockSystem:
     """The pattern of the upper triangle: block k stands at (rows[k], cols[k]), rows <= cols; the first n are diagonal.
 
     `held` (n,) bool poses are taken out of the system: their solution is zero, and so is their covariance.
-    `method`: a dense or a sparse Cholesky factorisation, or conjugate gradients, which give no covariance: that, and
-    solutions that they do not find, are left to the dense factor. By default it is the fastest one for the pattern.
-    Methods that factorise raise numpy.linalg.LinAlgError where the blocks are not positive definite.
+    `method`: a dense or a sparse Cholesky factorisation, or conjugate gradients; by default the fastest for the
+    pattern. Where gradients do not converge, and for covariances, the dense factor is used instead.
+    Methods that factorise raise numpy.linalg.LinAlgError if the blocks are not positive definite.
     """
 
     def __init__(self, held: Bools, pairs: Ints, method: Method | None = None) -> None:
@@ -52,7 +52,7 @@ class BlockSystem:
         self.method = method or self._fastest_method()
 
     def _fastest_method(self) -> Method:
-        """By what a sparse factorisation has to do, which its fill-in tells."""
+        """Chosen by the work of a sparse factorisation, which its fill-in determines."""
         m = len(self.free)
         if m <= SMALL:
             return "dense"
@@ -64,11 +64,11 @@ class BlockSystem:
         return len(self.rows)
 
     def block_of(self, i: Ints, j: Ints) -> Ints:
-        """Numbers of the blocks that hold the pairs (i, j), i != j, in either order."""
+        """Numbers (m,) of the blocks of the pairs (i, j), i != j, (m,) each, in either order."""
         return self.n + np.searchsorted(self._off, np.minimum(i, j) * self.n + np.maximum(i, j))
 
     def index(self) -> BlockIndex:
-        """Where kernels find the numbers of blocks."""
+        """The numbers of the blocks, for kernels."""
         start = self.n + np.searchsorted(self._off, np.arange(self.n + 1) * self.n)
         return BlockIndex(start, self.cols.astype(np.uint32))
 
@@ -121,10 +121,10 @@ class BlockSystem:
         return np.tril(Z) + np.tril(Z, -1).transpose(0, 2, 1)
 
     def _by_gradients(self, blocks: Floats, right: Floats) -> Floats | None:
-        """Solution (m, 6) by conjugate gradients on the kept blocks; None where they do not settle.
+        """Solution (m, 6) by conjugate gradients on the kept blocks; None if they do not converge.
 
-        Where many poses all see each other a few dozen steps are enough, whose cost grows with the number of blocks
-        and not with the cube of the poses. Preconditioned by the inverses of the diagonal blocks.
+        If many poses all see each other, a few dozen steps suffice. Their cost grows with the number of blocks, not
+        with the cube of the poses. The preconditioner is the inverse of the diagonal blocks.
         """
         from scipy.sparse import bsr_array
         from scipy.sparse.linalg import LinearOperator, cg
@@ -132,7 +132,7 @@ class BlockSystem:
         upper, lower, column, start = self._whole
         values = np.empty((len(column), 6, 6))
         values[lower] = blocks.transpose(0, 2, 1)
-        values[upper] = blocks  # a diagonal block stands in both places, which are one
+        values[upper] = blocks  # for a diagonal block both positions are the same
         A = bsr_array((values, column, start), shape=(right.size, right.size))
         inverse = np.linalg.inv(blocks[: len(right)])  # the diagonal ones come first
         M = LinearOperator(A.shape, lambda v: np.einsum("nij,nj->ni", inverse, v.reshape(-1, 6)).ravel())
@@ -141,9 +141,7 @@ class BlockSystem:
 
     @cached_property
     def _whole(self) -> tuple[Ints, Ints, Ints, Ints]:
-        """Of the kept blocks in the rows of the whole matrix: their places, those of their mirror images; columns and
-        starts of these rows.
-        """
+        """The kept blocks and their mirror images in the rows of the whole matrix: positions, columns, starts."""
         off = np.flatnonzero(self._r != self._c)
         row, column = np.concatenate([self._r, self._c[off]]), np.concatenate([self._c, self._r[off]])
         order = np.lexsort((column, row))
@@ -164,5 +162,5 @@ class BlockSystem:
         m = len(self.free)
         M = np.zeros((m, 6, m, 6))
         M[self._r, :, self._c, :] = blocks[self._kept]  # the lower triangle is never read
-        # To LAPACK the transpose of an array in C order is one in its own order, which spares it a copy.
+        # LAPACK takes the transpose of an array in C order without a copy.
         return cholesky(M.reshape(6 * m, 6 * m).T, lower=True, overwrite_a=True, check_finite=False)

@@ -42,16 +42,17 @@ class BundleSettings:
     relative_tolerance: float = 1e-5
     fixed_frame: int | None = None  # keeps its pose; by default the frame with the most observations
     covariance: bool = True
-    least_curvature: float = LEAST_CURVATURE  # of the kernels, as a share of their weights; 1: reweighted least squares
+    least_curvature: float = LEAST_CURVATURE  # of kernels, as a share of their weights; 1: reweighted least squares
 
 
 @dataclass(frozen=True)
 class BundleResult:
-    """Poses (n, 4, 4), points (p, 3), and of the k observations what is left.
+    """Poses (n, 4, 4), points (p, 3), and the residuals of the k observations.
 
     covariance (n, 6, 6), None if not asked for: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
-    fixed frame, which has zero; infinite for frames that no chain of tracks ties to it. `used` (k,): the observation
-    took part. residual_px (k, 2) and residual_depth (k,) in sigmas, NaN where there is none; weights (k,) in [0, 1].
+    fixed frame, which has zero; infinite for frames that no chain of tracks joins to it. `used` (k,): whether the
+    observation took part. residual_px (k, 2) and residual_depth (k,) in sigmas, NaN where there is none; weights (k,)
+    in [0, 1].
     """
 
     T_world_cam: Floats
@@ -83,18 +84,18 @@ def bundle_adjust(
     """Refine poses (n, 4, 4) and the points of tracks.
 
     frame, track (k,) ints; px_ideal (k, 2) undistorted pixels; z_m (k,) depth in metres, NaN where none was measured.
-    `jobs` threads change the time, not one bit of the result. `points_world` (tracks, 3): where points begin, as an
-    earlier adjustment left them; NaN, or no such row, where that is to be found from the measurements.
+    The result does not depend on the number of `jobs` (threads). `points_world` (tracks, 3): initial points, as from an
+    earlier adjustment; points that are NaN or missing there are initialised from the measurements.
     `pose_terms` and `point_terms` (their rows are the k observations) are minimised along with pixels and depths.
-    `held` (n,): these frames keep their poses, too, and covariances are given them; the fixed frame is one of them.
-    The fixed frame keeps its pose, as do frames without observations and the first frame of a group that nothing ties
-    to the fixed one, unless terms measure it: then it keeps what they leave open. A track seen once, or whose rays
-    leave its depth open, does not take part; its point is NaN.
+    `held` (n,): these frames, the fixed one among them, keep their poses; covariances are relative to them.
+    The fixed frame keeps its pose, as do frames without observations. So does the first frame of a group that is not
+    joined to the fixed one, except in what pose terms measure of it. A track does not take part if it is seen once, or
+    if its rays do not determine its depth; its point is NaN.
     Raises ValueError for shapes that do not fit, numbers that are not finite, or a frame twice in a track.
     """
     settings = settings or BundleSettings()
     T, frame, track, px, z = _checked(T_world_cam, frame, track, px_ideal, z_m)
-    # Sums of large coordinates would cost digits: work relative to the mean camera.
+    # Large coordinates lose digits in sums, so positions are relative to the mean camera.
     origin = T[:, :3, 3].mean(axis=0)
     R, t = np.ascontiguousarray(project_so3(T[:, :3, :3])), T[:, :3, 3] - origin
 
@@ -170,7 +171,7 @@ def _checked(
 
 
 def _measured_terms(px: Floats, z: Floats, camera: Camera, settings: BundleSettings) -> tuple[PixelTerm, DepthTerm]:
-    """What pixels (k, 2) and depths (k,) say of the points."""
+    """The terms of pixels (k, 2) and of depths (k,)."""
     sigma_m = settings.depth_sigma_factor * camera.noise.sigma_m(np.where(np.isfinite(z), z, 1.0))
     return (
         PixelTerm(np.ascontiguousarray(px.T), camera, settings.sigma_px, Robust(settings.kernel, settings.scale_px)),

@@ -1,4 +1,4 @@
-"""The state of a bundle adjustment: what the descent asks for, and the covariance of the poses at its end."""
+"""The state of a bundle adjustment: proposals for the descent, and the covariance of the poses at its end."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints
 
 Part = TypeVar("Part")
-_CHUNKS = 8  # with the bound on their bytes this fixes how sums are ordered, whatever the number of jobs
+_CHUNKS = 8  # fixed, with the bound on their bytes, so that the order of sums does not depend on the number of jobs
 _CHUNK_BYTES = 1 << 28
-_TIE = 1e-8  # damping of a covariance: a direction that nothing measures must not be singular
-_LEAST_LEFT = 1e-5  # of what is known of a pose: with less, a single part of the image tells of it
+_TIE = 1e-8  # damping of a covariance, so that a direction without measurements is not singular
+_LEAST_LEFT = 1e-5  # of the information on a pose: with less, it comes from a single part of the image
 
 
 def lost(S: Floats, count: int) -> Ints:
@@ -69,7 +69,7 @@ class Bundle:
         self.system = BlockSystem((self._loose & ~touched(pose_terms, n)) | (False if held is None else held), pairs)
         self.pairs = np.stack([self.system.rows, self.system.cols], axis=1)[n:]
         self._index = self.system.index()
-        # Tracks are cut where the work (the square of the length) is even.
+        # The tracks are cut into chunks of equal work (squares of the lengths).
         length = np.diff(tracks.start)
         chunks = int(np.clip(_CHUNK_BYTES // (288 * len(self.system)), 2, _CHUNKS))
         work = np.concatenate([[0], np.cumsum(length * (length + 5))])
@@ -85,7 +85,7 @@ class Bundle:
 
     def propose(self, damping: float) -> tuple[float, float]:
         S, g, L = self.reduced(self.tracks, self.state.seen, damping)
-        S[lost(S, len(g))] = np.eye(6)  # they stay
+        S[lost(S, len(g))] = np.eye(6)  # these do not move
         self._proposal = self.moved(self.state.seen, self.system.solve(S, -g), L)
         return self.state.cost, self._proposal.cost
 
@@ -117,10 +117,10 @@ class Bundle:
         """(n, 6, 6) marginal covariances of the poses at a minimum, given the anchors of their groups (n,).
 
         Variances are those of the grouped jackknife, by one Newton step without each part (k,): see jackknife.py.
-        Correlations are those of the inverse Hessian, as the parts are too few to tell them. Infinite for poses that
-        nothing, or a single part, tells of or ties to their anchor.
+        Correlations are those of the inverse Hessian, as the parts are too few to estimate them. Infinite for poses
+        that at most one part of the image determines or joins to their anchor.
         """
-        self._proposal = self.state  # an earlier one is not needed any more
+        self._proposal = self.state  # frees the memory of an earlier one
         held = anchor == np.arange(len(anchor))
         system, n = BlockSystem(held, self.pairs), len(held)
         H = self.reduced(self.tracks, self.state.seen, _TIE)[0]
@@ -155,7 +155,7 @@ class Bundle:
         return State(R, t, X, seen, cost + pose_cost(self.pose_terms, pose(R, t + self.origin)))
 
     def moved(self, seen: PointEquations, step: Floats, L: Floats) -> State:
-        """After the pose step (n, 6) and the points' that go with it, L (p, 3, 3) as `reduced` gives them."""
+        """After the pose step (n, 6) and the corresponding step of the points; L (p, 3, 3) from `reduced`."""
         R, t, X, _, _ = self.state
         X_new = X.copy()
 
@@ -167,7 +167,7 @@ class Bundle:
         return self.at(R_new, t + np.einsum("nij,nj->ni", R, step[:, 3:]), X_new)
 
     def _in_chunks(self, work: Callable[[int, int], Part]) -> Iterator[Part]:
-        """What `work` makes of each chunk of tracks, in order; each is given up once it is taken."""
+        """The results of `work` for each chunk of tracks, in order; each is freed once it is consumed."""
         if self.jobs == 1:
             yield from (work(low, high) for low, high in self._bounds)
             return

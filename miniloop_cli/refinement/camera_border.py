@@ -1,7 +1,7 @@
-"""The equations of camera parameters beside those of poses and points, which are eliminated.
+"""The equations of camera parameters, from which those of the points are eliminated.
 
 Let h be a row's mixed second derivative by its point in the camera's frame (3) and by the parameters (q), C and c the
-parameters' own Hessian and gradient. With A, a, B, R, V as in schur.py, the point is tied to the parameters by
+parameters' own Hessian and gradient. With A, a, B, R, V as in schur.py, the point depends on the parameters by
 W = sum R h, and eliminating it leaves, with Z = V^-1 W,
   C - sum W^T Z,   c - sum Z^T sum R a,   and, for the pose of a row, B^T (h - A R^T Z).
 """
@@ -24,7 +24,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 class ParameterEquations(NamedTuple):
     """Of each row: mixed (k, 3, q) by point and parameters, gradient (k, q) of the cost.
 
-    root (k, d, q): derivatives of the row's d residuals by the parameters, so scaled that the parameters' own Hessian
+    root (k, d, q): derivatives of the row's d residuals by the parameters, scaled so that the parameters' own Hessian
     is the sum of root^T root.
     """
 
@@ -93,7 +93,7 @@ def border(
 
 
 def _solved(L: Floats, W: Floats) -> Floats:
-    """V^-1 W (p, 3, q), where V = L L^T and the diagonals of L (p, 3, 3) hold the inverses of its own."""
+    """V^-1 W (p, 3, q) with V = L L^T; L (p, 3, 3) has the inverses of its diagonal on the diagonal."""
     Z = W.copy()
     for i in range(3):
         for c in range(i):

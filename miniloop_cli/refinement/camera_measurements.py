@@ -1,4 +1,4 @@
-"""Measurements as a camera made them that is not known exactly, and the bundle of a part of their tracks."""
+"""Measurements of a camera that is not known exactly, and the bundle adjustment of a part of their tracks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 class CameraMeasurements:
     """k rows sorted by track, then by frame: frame, track (k,), measured px (k, 2), z_m (k,) m or NaN; rho (k,).
 
-    `change`: where z_m depends on where a depth camera of its own stands.
+    `change`: how z_m depends on the parameters of a separate depth camera, if there is one.
     """
 
     frame: Ints
@@ -41,7 +41,7 @@ class CameraMeasurements:
     def of(
         frame: Ints, track: Ints, px: Floats, z_m: Floats, size: tuple[int, int], change: ReadingChange | None = None
     ) -> CameraMeasurements:
-        """Rows in any order, in images of this width and height; those that no lens images (NaN) are left out."""
+        """Rows in any order, from images of this width and height; those without a finite pixel are left out."""
         order = np.lexsort((frame, track))
         order = order[np.isfinite(px[order]).all(axis=1)]
         edge = depth_model.rho(px[order], *size)
@@ -64,7 +64,7 @@ def free_bundle(
     jobs: int,
     pose_terms: Sequence[PoseTerm] = (),
 ) -> tuple[Bundle, list[FreeTerm], CameraMeasurements]:
-    """The bundle at poses (n, 4, 4), its terms, and the measurements whose points can be told there."""
+    """The bundle at poses (n, 4, 4), its terms, and the measurements whose points the poses determine."""
     camera = parameters.camera
     ideal = camera.undistort(measured.px)
     z_m = measured.z_m if measured.change is None else measured.z_m + measured.change.step(parameters.theta)

@@ -1,9 +1,9 @@
-"""What is known of a camera before it has seen anything: standard deviations of its parameters, by its source.
+"""Prior standard deviations of the parameters of a camera, by the source of the camera.
 
-The numbers are what cameras of a kind differ by. Of a guess: a focal length by a few per cent, a centre by some pixels,
-a lens by anything that lenses are. Depth errs by some millimetres and by a per cent towards corners and ends of its
-range (Khoshelham & Elberink, Sensors 2012). Of a calibration that somebody made: what such calibrations repeat to.
-Cameras of one device look the same way, but for a degree, and stand some centimetres apart.
+They are the differences between cameras of a kind. For a guess: a focal length by a few per cent, a centre by some
+pixels, a lens by the range of common lenses. Depth is wrong by some millimetres, and by a per cent towards the corners
+and the ends of its range (Khoshelham & Elberink, Sensors 2012). For a calibration: the repeatability of such
+calibrations. Both cameras of a device look in the same direction within a degree, some centimetres apart.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA
 from miniloop_cli.geometry.depth_camera_parameters import NAMES as TWO
 from miniloop_cli.typing import Floats
 
-# Centres as shares of the image's width. The depth scale is no parameter: see SCALE.
+# Centres as shares of the image's width. The depth scale is not a parameter: see SCALE.
 _SIGMAS: dict[Trust, dict[str, float]] = {
     Trust.GUESS: {
         "focal": 0.05, "aspect": 0.005, "cx": 0.025, "cy": 0.025,
@@ -36,12 +36,12 @@ _SIGMAS: dict[Trust, dict[str, float]] = {
         "depth_focal": 0.002, "depth_cx": 0.0015, "depth_cy": 0.0015, "turn": 0.001, "shift": 0.001,
     },
 }  # fmt: skip
-# Of the unit of depth, relative: no recording tells it, so it stays and is as uncertain as before.
+# Of the unit of depth, relative: a recording does not determine it, so it keeps its value and its uncertainty.
 SCALE = {Trust.GUESS: 0.02, Trust.FACTORY: 0.005, Trust.CALIBRATED: 0.005}
 
 
 def prior_sigmas(camera: Camera, own: Camera | None = None) -> Floats:
-    """Standard deviations (p,) of the parameters about the camera's; `own`: that of depth, if it has one."""
+    """Standard deviations (p,) of the parameters about those of `camera`; `own`: a separate depth camera."""
     known = [_SIGMAS[camera.trust]] * OF_ONE_CAMERA + [_SIGMAS[(own or camera).trust]] * len(TWO)
     unit = {name: float(camera.width) for name in ("cx", "cy")} | {
         name: float((own or camera).width) for name in ("depth_cx", "depth_cy")

@@ -1,4 +1,4 @@
-"""Bundle adjustment in which parameters of the camera are free, each within what was known of it before."""
+"""Bundle adjustment in which parameters of the camera are free, each under its prior."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from miniloop_cli.refinement.free_terms import FreeTerm
 from miniloop_cli.refinement.jackknife import remaining_fraction
 from miniloop_cli.typing import Floats, Ints
 
-_TIE = 1e-8  # damping of the equations at rest: how the whole moves must not be singular
+_TIE = 1e-8  # damping of the equations at the minimum, so that motions of the whole are not singular
 
 
 class CameraProblem:
-    """What the descent asks for, of a bundle and of the `free` parameters (q,) of its camera.
+    """The problem of a bundle and of the `free` parameters (q,) of its camera, for the descent.
 
-    `sigma` (q,) standard deviations that these have about the given camera, whose steps are zero.
+    `sigma` (q,): prior standard deviations of their steps from the given camera.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class CameraProblem:
 
     @property
     def cost(self) -> float:
-        """Of all terms, and of what was known before."""
+        """The cost of all terms and of the prior."""
         return self.bundle.state.cost + self._prior_cost(self.parameters)
 
     def propose(self, damping: float) -> tuple[float, float]:
@@ -52,7 +52,7 @@ class CameraProblem:
         theta[self.free] += step
         parameters = replace(self.parameters, theta=theta)
         self._set(parameters)
-        # What a point feels once the parameters have moved.
+        # The gradient of a point after the step of the parameters.
         felt = state.seen._replace(gradient=state.seen.gradient + rows.mixed @ step)
         moved = bundle.moved(felt, -by_pose[:, :, 0] - by_pose[:, :, 1:] @ step, L)
         self._set(self.parameters)
@@ -66,7 +66,7 @@ class CameraProblem:
     def covariance(self, part: Ints) -> Floats:
         """Covariance (q, q) of the free parameters at a minimum.
 
-        By the grouped jackknife over the parts (k,) of the image (jackknife.py), and what the prior is uncertain by.
+        From the grouped jackknife over the parts (k,) of the image (jackknife.py) and the uncertainty of the prior.
         """
         bundle, seen, R = self.bundle, self.bundle.state.seen, self.bundle.state.R
         rows = parameter_equations(self._terms, self.free, seen.p_cam)
@@ -90,7 +90,7 @@ class CameraProblem:
         return np.asarray(C @ (prior[:, None] * C) + spread, float)
 
     def _eliminated(self, S: Floats, g: Floats, of_camera: Border) -> tuple[Floats, Floats]:
-        """S^-1 [g | border] (n, 6, 1 + q), and what is left of the parameters' own Hessian (q, q)."""
+        """S^-1 [g | border] (n, 6, 1 + q), and the reduced Hessian (q, q) of the parameters."""
         right = np.concatenate([g[:, :, None], of_camera.by_pose], axis=2)
         by_pose = self.bundle.system.solve_columns(S, right)
         rest = of_camera.own - np.einsum("nia,nib->ab", of_camera.by_pose, by_pose[:, :, 1:], optimize=True)

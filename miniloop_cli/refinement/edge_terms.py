@@ -1,4 +1,4 @@
-"""What one edge of a pose graph contributes.
+"""The residual of an edge of the pose graph, and its derivatives.
 
 E = (T_world_j^-1 T_world_i) T_j_i^-1 = (R_E, t_E), residual r = (log R_E, t_E), cost rho(r^T Lambda r) / 2. (R, t) is
 the measured T_j_i and J^-1 the inverse right Jacobian of SO(3) at log R_E, steps [exp(w) | v] of the poses change r by
@@ -40,7 +40,7 @@ class Edges(NamedTuple):
 def make_edges(count: int, pairs: ArrayLike, T_j_i: Floats, information: Floats, kernel: Kernel, scale: float) -> Edges:
     """Edges between `count` poses from pairs (m, 2) rows (i, j), T_j_i (m, 4, 4) and information (m, 6, 6).
 
-    Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for edges that are none.
+    Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for impossible pairs.
     """
     pairs = checked_pairs(count, pairs)
     T, L = np.asarray(T_j_i, float).reshape(-1, 4, 4), np.asarray(information, float).reshape(-1, 6, 6)
@@ -132,7 +132,7 @@ def _inverse_right_jacobian(w: Floats, J: Floats) -> None:
 def _jacobians(
     R_meas: Floats, t_meas: Floats, R_ji: Floats, R_E: Floats, r: Floats, J: Floats, Ji: Floats, Jj: Floats
 ) -> None:
-    """Derivatives (6, 6) of r by the steps of i and j; J (3, 3) is scratch. Zeros must already stand in Ji and Jj."""
+    """Derivatives (6, 6) of r by the steps of i and j; J (3, 3) is scratch. Ji and Jj must be zero before."""
     _inverse_right_jacobian(r[:3], J)
     for a in range(3):
         for b in range(3):

@@ -1,4 +1,4 @@
-"""Points followed through a whole recording, as measurements of the adjustment of all its frames."""
+"""Points tracked through a whole recording, as measurements for the adjustment of all its frames."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Ints
 
-MIN_MEASURED = 60  # points tell the pose of a frame better than its depth image, which was taken at another time
-MIN_LENGTH = 3  # frames: what a point followed for less says of the motion is little
+MIN_MEASURED = 60  # with so many points, the pose of a frame comes from them, not from its depth image of another time
+MIN_LENGTH = 3  # frames: points tracked for less carry little information on the motion
 
 
 def followed_measurements(between: Between, known: Bools, camera: Camera, per_frame: int) -> Measurements:
     """Measurements of tracks chosen so that every frame has about `per_frame` of them; tracks numbered from 0.
 
-    Only frames whose poses are `known` (n,) take part: others would draw those they share points with to nowhere.
+    Only frames whose poses are `known` (n,) take part: others would spoil the poses of frames that share points.
     """
     seen = between.tracked.seen.subset(known[between.tracked.seen.frame])
     seen = seen.subset(chosen_tracks(seen.frame, seen.track, per_frame)[seen.track])
@@ -56,7 +56,7 @@ def _choose(longest: Ints, start: Ints, frame: Ints, count: Ints, per_frame: int
 
 
 def joined(of_keyframes: Measurements, keyframes: Ints, followed: Measurements) -> Measurements:
-    """Measurements of the features of keyframes (K,) and of followed points, by frames of the whole recording."""
+    """Measurements of the features of keyframes (K,) and of tracked points, by frames of the whole recording."""
     first = int(of_keyframes.track.max(initial=-1)) + 1
     parts = replace(of_keyframes, frame=keyframes[of_keyframes.frame]), replace(followed, track=followed.track + first)
     names = Measurements.__dataclass_fields__
@@ -64,7 +64,7 @@ def joined(of_keyframes: Measurements, keyframes: Ints, followed: Measurements) 
 
 
 def weakly_measured(between: Between, known: Bools, measured: Measurements) -> Ints:
-    """The frames that are `known` (n,), have few measurements, and whose motion depth and brightness told."""
+    """The frames with a `known` (n,) pose, few measurements, and a motion from depth and brightness."""
     few = np.bincount(measured.frame, minlength=len(known)) < MIN_MEASURED
     return np.flatnonzero(between.tracked.by_surface & known & few)
 

@@ -1,7 +1,7 @@
 """The motion of the camera within a frame: from the path through all poses, and from the rows of the frame.
 
-A path through poses some tenths of a second apart misses what a hand does in between. A rolling shutter sees it: each
-row is taken from a pose of its own, so that the points of a frame tell its velocity as they tell its pose.
+A path through poses some tenths of a second apart misses the motion of a hand in between. A rolling shutter records it:
+each row has its own pose, so the points of a frame determine its velocity as well as its pose.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints
 
-MAX_GAP_S = 0.6  # frames farther apart say nothing of the motion at a frame
+MAX_GAP_S = 0.6  # frames farther apart do not determine the motion at a frame
 # Rotation (rad/s), translation (m/s). How far a hand-held camera's velocity is from the derivative of its path, as
-# measured on real recordings; and how fast it is, where no path tells.
+# measured on real recordings; and how fast it is if there is no path.
 PATH_SIGMAS, SPEED_SIGMAS = (0.1, 0.05), (0.5, 0.3)
 LEAST_OBSERVATIONS = 20
 
@@ -34,8 +34,8 @@ def path_runs(timestamps_s: Floats, known: Bools) -> list[Ints]:
 def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
 
-    Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero where there
-    are no neighbours to tell.
+    Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero for frames
+    without neighbours.
     """
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
@@ -59,14 +59,14 @@ def estimate_velocities(
 ) -> tuple[tuple[Floats, Floats], Floats]:
     """Velocities v (n, 3) m/s and w (n, 3) rad/s under which each frame's measurements agree best with the points.
 
-    Also covariances (n, 6, 6) of each frame's (w, v): what its pose is uncertain by as its twist is not known, beside
-    what the pose would be uncertain by if it were; zero where no twist was felt.
+    Also the additional covariances (n, 6, 6) of each frame's pose (w, v) that come from its uncertain velocity; zero
+    where no velocity was estimated.
 
     One Gauss-Newton step a frame over its pose and its twist, from a bundle adjustment in which the measurements were
     corrected with the twists `before`. A point at row share s is seen s readout_s later, so a pixel's derivative by the
     twist is that by the pose, times this time; depth follows `timing.corrected`. The twist has a Gaussian prior about
-    that of the `path`, or about rest where frames lie too far apart to make one. What all frames deviate alike is no
-    motion but calibration, and taken out.
+    that of the `path`, or about zero if frames are too far apart for a path. The mean deviation over all frames is
+    attributed to calibration and removed.
     """
     T_cam_world = se3.inverse(adjusted.T_world_cam)
     known = adjusted.used & np.isfinite(adjusted.residual_px[:, 0])
@@ -97,9 +97,9 @@ def _regular(H: Floats) -> Floats:
 
 
 def _by_twist(H: Floats, prior: Floats, changes: Floats, left: Floats) -> Floats:
-    """Covariance (6, 6) that a pose has by that of its twist; H (12, 12) with the prior (6,) of the twist.
+    """Covariance (6, 6) of a pose due to that of its twist; H (12, 12) with the prior (6,) of the twist.
 
-    The twist's is that by the prior, and by the measurements: its changes (parts, 6) without each part of them.
+    The covariance of the twist comes from the prior and from its changes (parts, 6) without each part of the image.
     """
     C = np.linalg.inv(H)[6:, 6:]
     of_twist = C @ (prior[:, None] * C) + changes.T @ (left[:, None] * changes)

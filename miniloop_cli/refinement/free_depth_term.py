@@ -1,8 +1,8 @@
-"""How far away a point is, for a depth camera that errs smoothly: see geometry/depth_model.py.
+"""The depth of a point, for a depth camera with smooth errors: see geometry/depth_model.py.
 
-The residual is the predicted minus the corrected depth, in standard deviations of the corrected depth: those of the
-reading times how fast the correction grows with it. Without that factor a correction that shrinks all depths would
-shrink all residuals.
+The residual is the predicted minus the corrected depth, in standard deviations of the corrected depth. These are the
+standard deviations of the reading times the slope of the correction. Without that factor, a correction that shrinks all
+depths would shrink all residuals.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from miniloop_cli.typing import Floats, Ints
 
 @dataclass(frozen=True)
 class FreeDepthTerm:
-    """Readings (k,) m, NaN where there is none, their standard deviations (k,) m, and where in the image they are.
+    """Readings (k,) m, NaN where there is none, their standard deviations (k,) m, and their position in the image.
 
-    `rho` (k,): squared share of the half diagonal. `change`: where the readings depend on the parameters themselves.
+    `rho` (k,): squared share of the half diagonal. `change`: how the readings themselves depend on the parameters, if
+    they do.
     """
 
     z_m: Floats
@@ -64,6 +65,6 @@ class FreeDepthTerm:
         z_m = np.where(reading, z_m, 1.0)
         value, slope = basis(z_m, self.rho, self.parameters.middle_m)
         step = self.parameters.theta[OF_DEPTH]
-        grows = np.maximum(1 + np.tensordot(step, slope, 1), 0.1)  # no correction turns near and far around
+        grows = np.maximum(1 + np.tensordot(step, slope, 1), 0.1)  # a correction keeps the order of near and far
         corrected = np.where(reading, z_m + np.tensordot(step, value, 1), np.nan)
         return corrected, self.sigma_m * grows, value, slope / grows

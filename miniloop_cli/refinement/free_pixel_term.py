@@ -1,4 +1,4 @@
-"""Where a point is seen in an image whose camera is not known exactly, in units of `sigma_px`."""
+"""The pixel of a point in an image whose camera is not known exactly: residual in units of `sigma_px`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 
 @dataclass(frozen=True)
 class FreePixelTerm:
-    """Measured pixels (2, k), distorted as the lens left them, and the camera's parameters."""
+    """Measured, distorted pixels (2, k), and the camera's parameters."""
 
     px: Floats
     parameters: CameraParameters
@@ -42,7 +42,7 @@ class FreePixelTerm:
         return found
 
     def _projected(self, p_cam: Floats) -> tuple[Projection, Bools]:
-        """Projection of the points, and which (k,) lie behind the camera or where its lens images nothing."""
+        """Projection of the points, and which (k,) are behind the camera or out of reach of the lens."""
         behind = p_cam[2] < NEAR_M
         seen = self.parameters.project(np.where(behind, np.array([[0.0], [0.0], [1.0]]), p_cam))
         return seen, behind | ~np.isfinite(seen.px).all(axis=0)

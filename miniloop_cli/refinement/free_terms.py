@@ -1,4 +1,4 @@
-"""What a point term must say beside its residuals where parameters of the camera are free, too."""
+"""Point terms that also depend on parameters of the camera."""
 
 from __future__ import annotations
 

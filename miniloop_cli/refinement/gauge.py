@@ -1,10 +1,11 @@
-"""The gauge: relative measurements leave every connected group of frames free to move as a whole.
+"""The gauge: with relative measurements, every connected group of frames can move as a whole.
 
-Terms that measure the vertical leave its position and heading free, terms that measure poses in the world nothing.
+With terms that measure the vertical, its position and heading are free; with terms that measure poses in the world,
+nothing is.
 
-While descending nothing is held fixed: the damping alone keeps the equations regular, which converges in far fewer
-steps than pinning one frame whose neighbourhood must then turn. Afterwards each group is moved back so that its anchor
-keeps the pose it came with.
+The descent holds no frame fixed: the damping alone keeps the equations regular. This converges in far fewer steps than
+with one fixed frame, whose neighbourhood must then turn. Afterwards each group is moved so that its anchor has its
+original pose.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 def anchor_of(count: int, pairs: Ints, fixed_frame: int, held: Bools | None = None) -> Ints:
     """(count,) the frame that keeps its pose in each frame's group: `fixed_frame` in its own, elsewhere the first.
 
-    Frames that are `held` (count,) keep their own; one of them is the anchor of the others in their group.
+    Frames that are `held` (count,) are their own anchors; one of them is the anchor of the others in their group.
     """
     labels = components(count, pairs)
     _, first = np.unique(labels, return_index=True)
@@ -34,10 +35,10 @@ def anchor_of(count: int, pairs: Ints, fixed_frame: int, held: Bools | None = No
 
 
 def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Sequence[PoseTerm] = ()) -> Floats:
-    """(n, 4, 4) motion of each frame's group that puts its anchor back where it was given, as far as it is free.
+    """(n, 4, 4) motion of each frame's group that restores the given pose of its anchor, as far as the gauge is free.
 
-    Of groups whose vertical is measured the anchor's position and heading are restored, of those whose poses in the
-    world are measured nothing.
+    If the vertical of a group is measured, position and heading of the anchor are restored; if poses in the world are
+    measured, nothing is.
     """
     motion = T_given[anchor] @ se3.inverse(T_refined[anchor])
     free = np.full(len(anchor), int(Gauge.POSE))
@@ -56,16 +57,16 @@ def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Se
 
 
 def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int, held: Bools | None = None) -> Floats:
-    """The covariances (n, 6, 6), infinite where nothing ties a frame to the fixed one, or to one `held` (n,)."""
+    """The covariances (n, 6, 6), infinite for frames not joined to the fixed one, or to one that is `held` (n,)."""
     untied = (anchor != fixed_frame) & ~(held[anchor] if held is not None else False)
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
 
 
 def with_own_errors(covariance: Floats, T_world_cam: Floats, own: Floats, fixed_frame: int) -> Floats:
-    """Covariances (n, 6, 6) relative to the fixed frame, with errors added that each frame has by itself.
+    """Covariances (n, 6, 6) relative to the fixed frame, plus the `own` errors (n, 6, 6) of each frame.
 
-    own (n, 6, 6), of (w, v) in the frame as all of them. The fixed frame has none, by definition: its error is one of
-    all others, as seen from there.
+    All are of (w, v) in the frame. The fixed frame has covariance zero by definition: its own error is added to all
+    others.
     """
     seen = se3.adjoint(se3.inverse(T_world_cam) @ T_world_cam[fixed_frame])
     more = own + seen @ own[fixed_frame] @ np.swapaxes(seen, 1, 2)

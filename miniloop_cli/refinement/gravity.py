@@ -1,8 +1,8 @@
-"""Gravity in the refinement: the measured vertical of each frame holds the poses upright; z is up.
+"""Gravity in the refinement: the measured vertical of each frame keeps the poses upright; z is up.
 
-An accelerometer reads gravity and its own motion. Where frames are dense enough the camera's path tells the motion, and
-it is taken off. What is left is off by a constant turn, as the sensor sits a little askew and its zero is a little off,
-and by noise. Both are estimated from the recording itself.
+An accelerometer measures gravity and its own acceleration. If frames are dense enough, the acceleration is computed
+from the camera's path and subtracted. The rest has two errors: a constant rotation, from the mounting and the zero
+offset of the sensor, and noise. Both are estimated from the recording.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MIN_SIGMA_RAD = np.radians(0.2)  # no accelerometer is better
 KERNEL_SCALE = 2.0  # times the noise of a frame's vertical
 MEDIAN_OF_RAYLEIGH = 1.1774  # the length of a two-dimensional Gaussian vector, in sigmas
 ROUNDS = 20
-LEAST_GAIN = 0.8  # of the noise: the motion is taken off where it leaves less
+LEAST_GAIN = 0.8  # the motion is subtracted if that reduces the noise to less than this share
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class GravityTerm:
     gauge: Gauge = Gauge.HEADING
 
     def linearise(self, T_world_cam: Floats) -> tuple[Floats, Floats]:
-        """R^T z - up, 3 numbers a frame of which two are free, as both are unit vectors."""
+        """R^T z - up, 3 numbers a frame with two degrees of freedom, as both are unit vectors."""
         z_cam = T_world_cam[self.frames[:, 0], 2, :3]
         jacobian = np.zeros((len(z_cam), 1, 3, 6))
         jacobian[:, 0, :, :3] = se3.hat(z_cam) / self.sigma_rad  # (R exp(w))^T z = z_cam - w x z_cam
@@ -51,14 +51,14 @@ class GravityTerm:
 
 
 class Upright(NamedTuple):
-    """A turn T_up_world (4, 4) of the world that lays up upon z, and the term that keeps it there."""
+    """A rotation T_up_world (4, 4) of the world that turns up to z, and the term that keeps it there."""
 
     T_up_world: Floats
     term: GravityTerm
 
 
 def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats, known: Bools) -> Upright | None:
-    """How the world must be turned, by the readings (in the cameras' axes) and the poses (n, 4, 4) that are `known`.
+    """The rotation of the world to z up, from the readings (in the cameras' axes) and the `known` poses (n, 4, 4).
 
     None where no frame with a pose has a reading.
     """
@@ -67,10 +67,10 @@ def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats,
     if not len(frames):
         return None
     R, force, own = T_world_cam[frames, :3, :3], force[frames], own[frames]
-    # Frames whose windows overlap share readings: all of them together must not count for more than the readings.
+    # Frames whose windows overlap share readings, so their weight is reduced to that of the readings.
     step_s = float(np.median(np.diff(stamps_s[frames]))) if len(frames) > 1 else np.inf
     sharing = max(1.0, 2 * np.sqrt(np.pi) * WINDOW_S / max(step_s, 1e-3))
-    # Readings may point downwards at rest: then the motion in them has the other sign, too.
+    # Readings may point downwards at rest: then the acceleration in them has the opposite sign as well.
     still, moving, inverted = (_fit(R, force, sign * own, sharing) for sign in (0.0, 1.0, -1.0))
     best = moving if moving.noise_rad < LEAST_GAIN * still.noise_rad else still
     if inverted.noise_rad < LEAST_GAIN * best.noise_rad:
@@ -89,8 +89,8 @@ def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats,
 def felt(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Mean reading and mean acceleration of the camera around each frame, (n, 3), in its axes, in units of gravity.
 
-    Both are means over the same readings, turned by the path into the frame's axes. Where frames lie too far apart for
-    a path, the reading is the accelerometer's mean direction, and no acceleration is known; NaN without readings.
+    Both are means over the same readings, rotated along the path into the frame's axes. If frames are too far apart for
+    a path, the reading is the accelerometer's mean direction and the acceleration is zero; NaN without readings.
     """
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
@@ -125,7 +125,7 @@ class _Fit(NamedTuple):
 
 
 def _fit(R: Floats, force: Floats, own: Floats, sharing: float) -> _Fit:
-    """The world's vertical, and those of the cameras, by readings and own accelerations (m, 3) of frames turned by R.
+    """The vertical of the world and of the cameras, from readings and accelerations (m, 3) of frames with rotations R.
 
     askew force - own must point along R^T up: Gauss-Newton over the two directions of up and the constant turn `askew`,
     whose prior is Gaussian, reweighted by a Cauchy kernel whose scale follows the noise.

@@ -1,4 +1,4 @@
-"""How well poses and a camera predict tracks that took no part in finding them."""
+"""How well poses and a camera predict held-out tracks."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _POINT_STEPS, _DAMPING = 4, 1e-6
 
 
 class HeldOut(NamedTuple):
-    """Of each track: its robust cost (p,), NaN where its point cannot be told."""
+    """The robust cost (p,) of each track, NaN where its point is not determined."""
 
     cost: Floats
 
     def gain_over(self, other: HeldOut) -> tuple[float, float]:
-        """By how much the cost is lower than another's, as a share of that, and the standard deviation of it.
+        """Relative decrease of the cost against another, and its standard deviation.
 
-        Over the tracks that both could tell, which count as independent of each other.
+        Over the tracks that both determine, which are treated as independent.
         """
         both = np.isfinite(self.cost) & np.isfinite(other.cost)
         if both.sum() < 2:
@@ -34,7 +34,7 @@ class HeldOut(NamedTuple):
 def held_out(
     T_world_cam: Floats, measured: CameraMeasurements, parameters: CameraParameters, settings: BundleSettings
 ) -> HeldOut:
-    """The cost of tracks at poses (n, 4, 4) and a camera that stay; only their points are fitted."""
+    """The cost of tracks at fixed poses (n, 4, 4) and a fixed camera; only their points are fitted."""
     bundle, terms, kept = free_bundle(T_world_cam, measured, parameters, settings, 1)
     for _ in range(_POINT_STEPS):
         _, g, L = bundle.reduced(bundle.tracks, bundle.state.seen, _DAMPING)

@@ -1,4 +1,4 @@
-"""What refinement takes and gives."""
+"""Inputs and results of the refinement."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from miniloop_cli.typing import Floats
 
 @dataclass(frozen=True)
 class Scans:
-    """What refinement needs of the scans: features, points, stamps of colour and of depth (n,) seconds, the camera.
+    """The scans for the refinement: features, points, stamps of colour and of depth (n,) seconds, the camera.
 
-    `vertical`: what an accelerometer says, where there was one. `two`: depth has a camera of its own that is asked for.
+    `vertical`: from an accelerometer, if there is one. `two`: a separate depth camera that is to be calibrated.
     """
 
     features: Many[ScanFeatures]
@@ -43,7 +43,7 @@ class Scans:
 
 @dataclass(frozen=True)
 class Between:
-    """A whole recording of n frames, of which the scans are the keyframes: what was followed through all of them.
+    """A whole recording of n frames, whose keyframes are the scans: the points tracked through all of them.
 
     T_cam_key (n, 4, 4), `key` (n,) and `seen` as in Tracked; stamps of all frames (n,) seconds.
     """
@@ -57,17 +57,17 @@ class Between:
     def of(
         tracked: Tracked, whole: Sequence, vertical: Vertical | None, accelerometer: Accelerometer | None
     ) -> Between:
-        """`whole`: the recording; `vertical`: what the keyframes showed of its `accelerometer`'s axes."""
+        """`whole`: the recording; `vertical`: the axes of its `accelerometer`, as found from the keyframes."""
         turned = accelerometer.turned(vertical.R_cam_sensor) if vertical and accelerometer else None
         return Between(tracked, whole.stamps_s, whole.depth_stamps_s, turned)
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Poses, their covariances (n, 6, 6; NaN where there are none), the timing and the landmarks that were found.
+    """Poses, their covariances (n, 6, 6; NaN where there are none), the estimated timing and the landmarks.
 
-    velocity (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was undone; None where
-    there is none to undo. `calibration`: what the recording told of its camera, where it was asked.
+    velocity (n, 6): (w, v) rad/s and m/s of each camera in its own frame, with which the timing was corrected; None
+    without a timing. `calibration`: the estimated camera, if calibration was requested.
     """
 
     poses: Poses

@@ -34,10 +34,10 @@ from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
-LEAST_WEIGHT = 0.1  # of a sighting of a landmark: three scales of the kernel, or 2.2 px at the end
-MIN_SHARED = 10  # tracks that tie two scans to each other
-# Kernels that are wide enough to find the poses let false matches shrink their motion, by 0.3 to 0.8 %: at the end
-# a pixel off by more than 0.75, and depth by more than its sigma, count less (docs/refinement.md).
+LEAST_WEIGHT = 0.1  # of an observation of a landmark: three scales of the kernel, or 2.2 px in the last step
+MIN_SHARED = 10  # shared tracks that join two scans
+# Kernels that are wide enough to find the poses let false matches shrink the motion by some tenths of a per cent. In
+# the last step, pixels off by more than 0.75 and depths off by more than their sigma count less (docs/refinement.md).
 SHARP = BundleSettings(sigma_px=0.25, scale_px=3.0, scale_depth=1.0, relative_tolerance=1e-3)
 
 
@@ -54,7 +54,7 @@ def refine_jointly(
     """Refined poses of the largest component, by the method, from the edges used inside of it.
 
     `between`: of a whole recording, whose keyframes the scans are; then the poses are those of all frames.
-    `calibrated`: the bundle adjustment asks the recording for its camera.
+    `calibrated`: the bundle adjustment also estimates the camera.
     """
     if method == "bundle":
         if len(poses.registered) <= settings.max_scans:
@@ -76,7 +76,7 @@ def refine_jointly(
 
 
 def level(poses: Poses, scans: Scans) -> tuple[Poses, list[PoseTerm]]:
-    """The poses turned so that z is up, and the term that keeps them so; as they are without an accelerometer."""
+    """The poses, turned so that z is up, and the term that keeps them so; unchanged without an accelerometer."""
     found = None
     if scans.accelerometer is not None:
         found = upright(scans.accelerometer, poses.T_world_cam, scans.stamps_s, poses.component == 0)
@@ -101,8 +101,8 @@ def _over_edges(poses: Poses, inside: EdgeTable, scans: Scans) -> Refined:
 def _refined(result: PoseGraphResult | BundleResult, poses: Poses, timing: Timing = NO_TIMING) -> Refined:
     unknown = np.full((len(poses.component), 6, 6), np.nan)
     covariance = unknown if result.covariance is None else result.covariance
-    # The last bits depend on how a kernel was compiled in this process: to a nanometre, and six digits of what is known
-    # to one or two, the same bytes everywhere.
+    # The last bits depend on how this process compiled the kernels. Rounding gives the same bytes everywhere: poses to
+    # a nanometre, covariances to six digits, of which one or two are significant.
     T_world_cam = np.round(result.T_world_cam, 9) + 0.0  # and zero has one sign
     return Refined(Poses(T_world_cam, poses.component), six_digits(covariance), timing)
 
@@ -123,10 +123,10 @@ def _bundle(
     between: Between | None,
     calibrated: bool,
 ) -> Refined | None:
-    """Bundle adjustment of the edges' tracks, then of guided tracks, then with timing and camera errors undone.
+    """Bundle adjustment of the edges' tracks, then of guided tracks, then with timing and camera errors corrected.
 
-    Where scans lie so far apart that hardly a point is seen three times, tracks of two scans must do; None if these,
-    too, do not tie all scans to each other. The frames between keyframes take part with the points followed in them.
+    If scans are so far apart that few points are seen three times, tracks of two scans are used; None if these do not
+    join all scans either. The frames between keyframes take part with the points tracked in them.
     """
     jobs = workers.threads
     used = [(int(i), int(j)) for i, j in inside.pairs]
@@ -158,7 +158,7 @@ def _bundle(
         more = sorted(set(used) - set(pairs))
         tracked = measured(pairs + more, matches + _guided(T[keyframes], more, scans, settings, workers), 2)
     if len(loose := untied(tracked.track, tracked.frame, known, terms)):
-        # Few points tie these to the others: the edges that averaging went by do.
+        # Few points join these to the others, so the edges that averaging used take part.
         ends = keyframes[inside.pairs]
         across = np.isin(ends, loose).any(axis=1)
         edges = inside.subset(across)
@@ -172,7 +172,7 @@ def _bundle(
     calibration = self_calibrate(T, tracked, moving, timing, rough, fine, jobs, scans.two) if calibrated else None
     if calibration and calibration.changed:
         tracked, moving = recalibrated(tracked, calibration), replace(moving, camera=calibration.camera)
-    # Where the path is as dense as this, it tells the motion within a frame better than the frame's own rows.
+    # A path as dense as this determines the motion within a frame better than the frame's own rows.
     feel = settings.motion and between is None
     result, timing, motion = adjust_moving(T, tracked, moving, timing, rough, fine, jobs, feel)
     velocity = None if motion is None else np.concatenate(motion[::-1], axis=1)
@@ -196,7 +196,7 @@ def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:
 
 
 def untied(track: Ints, frame: Ints, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:
-    """Of the `known` scans (n,), those that no chain of shared tracks or terms joins to most of the others.
+    """The `known` scans (n,) that no chain of shared tracks or terms joins to most of the others.
 
     track, frame (k,): which scan sees which. A link of the chain is MIN_SHARED tracks that two scans share, or a term.
     """
@@ -210,7 +210,7 @@ def untied(track: Ints, frame: Ints, known: Bools, terms: Sequence[PoseTerm] = (
 
 
 def _guided(T_world_cam: Floats, pairs: Sequence[Pair], scans: Scans, settings: Bundle, workers: Workers) -> list[Ints]:
-    """Matches of each pair where its poses say they must be; features without depth take part."""
+    """Matches of each pair near the positions that its poses predict; features without depth take part."""
     i, j = np.array(pairs, np.int64).reshape(-1, 2).T
     T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
     return guided_matches(pairs, T_j_i, scans.features, scans.feature_type, scans.camera, settings, workers)

@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 
 _DAMPING_START, _DAMPING_MAX = 1e-4, 1e6
-_DAMPING_MIN = 1e-9  # never zero: it alone decides how the whole moves, which nothing measures
+_DAMPING_MIN = 1e-9  # never zero, as it alone determines motions of the whole, which are not measured
 
 
 class Problem(Protocol):
-    """What the loop needs of a problem, which keeps its own state."""
+    """A problem for the loop; it keeps its own state."""
 
     def propose(self, damping: float) -> tuple[float, float]:
         """Cost here, and cost after the step solved with `damping` times the diagonal added (the step is kept).
@@ -37,9 +37,10 @@ class Descent:
 
 
 def minimise(problem: Problem, max_iterations: int, relative_tolerance: float) -> Descent:
-    """Descend until a step changes the cost by less than the tolerance, or no damping helps any more.
+    """Descend until a step changes the cost by less than the tolerance, or no damping gives a lower cost.
 
     An iteration is one proposal, accepted or not. Only a lower cost is accepted, so cost_after <= cost_before.
+    Raises numpy.linalg.LinAlgError if the equations are not positive definite for any damping.
     """
     damping, costs, converged, iterations = _DAMPING_START, [], False, 0
     while iterations < max_iterations and not converged:

@@ -1,4 +1,4 @@
-"""Motions between frames in the refinement, each within its information: of frames that no points tie to others."""
+"""Measured motions between frames in the refinement, for frames that share no points with others."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class MotionTerm:
 
     @staticmethod
     def of(frames: Ints, T_j_i: Floats, information: Floats) -> MotionTerm:
-        """With the information (m, 6, 6) of (w, v) in [exp(w) | v] T_j_i; directions that are open do not pull."""
+        """With the information (m, 6, 6) of (w, v) in [exp(w) | v] T_j_i; unknown directions have no weight."""
         value, axes = np.linalg.eigh((information + information.transpose(0, 2, 1)) / 2)
         root = np.sqrt(np.maximum(value, 0.0))[:, :, None] * axes.transpose(0, 2, 1)
         return MotionTerm(frames, T_j_i, root)

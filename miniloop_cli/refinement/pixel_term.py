@@ -1,4 +1,4 @@
-"""Where a point is seen in an image: predicted minus measured pixel, in units of `sigma_px`."""
+"""The pixel of a point in an image: predicted minus measured, in units of `sigma_px`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the residuals of point terms to what the elimination of the points needs: a gradient and a Hessian a row."""
+"""From the residuals of point terms to a gradient and a Hessian a row, for the elimination of the points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.refinement.terms import NEAR_M, PointTerm
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats
 
-LEAST_CURVATURE = 0.25  # of the weights' own: where residuals are large, the kernels' is no guide
+LEAST_CURVATURE = 0.25  # of the weights': for large residuals, the curvature of the kernels is too small or negative
 
 
 class PointEquations(NamedTuple):
@@ -32,8 +32,8 @@ def point_equations(
 ) -> tuple[PointEquations, float]:
     """The equations of all terms at the points p_cam (3, k), and the cost.
 
-    The Hessian of a term has its kernel's mean curvature here, at least `least_curvature` of what its weights say.
-    Steps by the weights alone (iteratively reweighted least squares) fall short by a quarter to a half, each time.
+    The Hessian of a term uses the mean curvature of its kernel, at least `least_curvature` times that of its weights.
+    Steps with the weights alone (iteratively reweighted least squares) are a quarter to a half too short.
     """
     rows = p_cam.shape[1]
     gradient, hessian, cost = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), 0.0

@@ -24,8 +24,8 @@ def initial_points(
     """(p, 3) world points of the tracks and whether each can be trusted (p,); the others are zero.
 
     Observations are sorted by track; z_m is NaN where there is no depth. With depth: the weighted geometric median of
-    the back-projected points (Weiszfeld's iteration), which one wrong depth does not move. Without: the point nearest
-    to all rays, if these open by a degree. A track seen in one frame is not trusted.
+    the back-projected points (Weiszfeld's iteration), which is robust to one wrong depth. Without: the point nearest to
+    all rays, if their angle is a degree or more. A track seen in one frame is not trusted.
     """
     X, good = np.zeros((n_tracks, 3)), np.zeros(n_tracks, bool)
     ray = camera.backproject(px, np.ones(len(px)))
@@ -57,13 +57,13 @@ def _geometric_medians(points: Floats, weight: Floats, start: Ints) -> Floats:
     w = weight * weight
     for _ in range(_WEISZFELD_STEPS):
         centre = np.add.reduceat(points * w[:, None], start) / np.add.reduceat(w, start)[:, None]
-        # The floor, a tenth of a sigma, keeps a point that coincides with the centre from holding it for ever.
+        # Without this floor, a tenth of a sigma, the iteration would stop at a point that coincides with the centre.
         w = weight / np.maximum(np.linalg.norm(points - centre[group], axis=1), 0.1 / weight)
     return centre
 
 
 def _nearest_to_rays(origin: Floats, direction: Floats, start: Ints) -> tuple[Floats, Bools]:
-    """Least-squares intersections of groups of rays (k, 3), (k, 3) unit, and whether they open wide enough."""
+    """Least-squares intersections of groups of rays (k, 3), (k, 3) unit, and whether their angle is large enough."""
     P = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     A, b = np.add.reduceat(P, start), np.add.reduceat(np.einsum("kij,kj->ki", P, origin), start)
     # The smallest eigenvalue of A is the sum of the squared sines of the rays against their mean direction.

@@ -15,7 +15,7 @@ _STAYING = 1e-8  # of a pose's mean curvature, in directions that no term measur
 
 
 def term_pairs(terms: Sequence[PoseTerm]) -> Ints:
-    """(m, 2) the pairs of poses that the terms tie to each other."""
+    """(m, 2) the pairs of poses that a term has in common."""
     found = [np.zeros((0, 2), np.int64)]
     for term in terms:
         found += [term.frames[:, [a, b]] for a, b in combinations(range(term.frames.shape[1]), 2)]
@@ -41,8 +41,8 @@ def add_pose_terms(
 ) -> None:
     """Add the terms at the poses (n, 4, 4) to the blocks S of the system and to the gradient g (n, 6).
 
-    The diagonal grows by `damping` times itself. Poses that nothing ties to others are `loose` (n,): what a term leaves
-    open of one of them stays.
+    The diagonal grows by `damping` times itself. Poses that no measurement joins to others are `loose` (n,): they do
+    not move in directions that no term measures.
     """
     for term in terms:
         residual, jacobian = term.linearise(T_world_cam)

@@ -23,7 +23,7 @@ from miniloop_cli.typing import Floats
 class PoseGraphSettings:
     """Kernel on the squared Mahalanobis residual (6 degrees of freedom), its scale in sigmas, stopping, gauge.
 
-    The scale is wide because information matrices of edges that share features promise too much.
+    The scale is wide because information matrices of edges that share features are too optimistic.
     """
 
     kernel: Kernel = "cauchy"
@@ -36,12 +36,12 @@ class PoseGraphSettings:
 
 @dataclass(frozen=True)
 class PoseGraphResult:
-    """Poses (n, 4, 4), their covariances, and what the edges (m,) say: squared Mahalanobis residuals, robust weights.
+    """Poses (n, 4, 4), their covariances, and squared Mahalanobis residuals and robust weights of the edges (m,).
 
     covariance (n, 6, 6), None if not asked for: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
     fixed frame, which has zero; infinite for frames not connected to it. It is that of the model, times
-    `variance_factor` where this exceeds 1: how much larger the residuals are than the information matrices promise
-    (1 where there are no loops to tell).
+    `variance_factor` where this exceeds 1: the ratio of the residuals to those that the information matrices predict
+    (1 without loops).
     """
 
     T_world_cam: Floats
@@ -65,9 +65,9 @@ def refine_pose_graph(
     pairs (m, 2) rows (i, j); T_j_i (m, 4, 4) maps points of scan i into scan j; information (m, 6, 6) of the noise
     xi in T_j_i(true) = Exp(xi) T_j_i, rotation (rad) first, then translation (m).
     `pose_terms` are minimised along with the edges.
-    The fixed frame keeps its pose, as does the first frame of any group that is not connected to it, unless terms
-    measure it: then it keeps what they leave open.
-    Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for edges that are none.
+    The fixed frame keeps its pose. So does the first frame of any group that is not connected to it, except in what
+    pose terms measure of it.
+    Raises ValueError for shapes that do not fit or numbers that are not finite, GraphError for impossible pairs.
     """
     settings = settings or PoseGraphSettings()
     T = np.asarray(T_world_cam, float)
@@ -98,9 +98,9 @@ def refine_pose_graph(
 
 
 def _variance_factor(chi2: Floats, redundancy: int) -> float:
-    """How much larger than promised residuals are, by their median (chi-square of 6 degrees of freedom has 5.348).
+    """Ratio of the median residual to that of chi-square with 6 degrees of freedom, 5.348.
 
-    The median, so that wrong edges do not count as noise; fitting has shrunk it by the share of the poses.
+    The median, as wrong edges are not noise; it is corrected for the degrees of freedom of the poses.
     """
     return float(np.median(chi2)) / 5.348 * 6 * len(chi2) / redundancy if redundancy else 1.0
 

@@ -48,7 +48,7 @@ def robust(kind: int, s: float, c2: float) -> tuple[float, float]:
 def weight_and_curvature(kernel: Kernel, s: Floats, scale: float, dimension: int) -> tuple[Floats, Floats]:
     """rho'(s), and the mean over directions of the second derivative of rho(|r|^2)/2 by a residual r of `dimension`.
 
-    The curvature, rho' + 2 s rho''/dimension, is what the minimum answers to noise with.
+    The curvature, rho' + 2 s rho''/dimension, determines how the minimum moves under noise.
     """
     s = np.asarray(s, float)
     if kernel == "none":
@@ -59,7 +59,7 @@ def weight_and_curvature(kernel: Kernel, s: Floats, scale: float, dimension: int
 
 
 def noise_gain(kernel: Kernel, scale: float, dimension: int) -> float:
-    """What the inverse of the weighted Hessian must be multiplied with to be the covariance of the minimum.
+    """The factor that turns the inverse of the weighted Hessian into the covariance of the minimum.
 
     E[w] E[w^2 s] / (d E[curvature]^2), for Gaussian residuals of `dimension` d and unit variance.
     """

@@ -1,4 +1,4 @@
-"""Bundle adjustment of a camera that moves while it measures: its two unknown times, and its motion in each frame."""
+"""Bundle adjustment of a moving camera with two unknown times, and its motion within each frame."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bools, Floats, Ints
 
 Twists = tuple[Floats, Floats]
-CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # are plenty for two numbers
-LEAST_GAIN = 0.002  # share of the cost that timing must take away to be believed
-MOST_S = 0.1  # no sensor is that late
+CALIBRATION_FRAMES, CALIBRATION_OBSERVATIONS = 300, 30_000  # suffice for two parameters
+LEAST_GAIN = 0.002  # share of the cost by which timing must reduce it to be accepted
+MOST_S = 0.1  # more than the lag of any sensor
 MOST_STEPS, LONGEST_STEP_S, SETTLED_S = 8, 0.02, 0.0015
-FOLLOWING = 0.15  # of the cost's curvature by a time is about what is left where poses and points follow it
-REST = 1e-4  # relative change of the cost where poses and points have followed
-FELT_STEPS = 2  # adjustments after which the motion within frames is felt anew
-MIN_VELOCITY_GAIN = 0.04  # more than six velocities a frame take away where a camera has no rolling shutter
+FOLLOWING = 0.15  # about the share of the cost's curvature by a time that is left once poses and points follow
+REST = 1e-4  # relative change of the cost at which poses and points have followed
+FELT_STEPS = 2  # adjustments after which the motion within frames is estimated again
+MIN_VELOCITY_GAIN = 0.04  # more than six velocities a frame gain for a camera without rolling shutter
 NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 
 
@@ -35,7 +35,7 @@ NO_TIMING, ASSUMED = Timing(), Timing(readout_s=0.02)
 class MovingCamera:
     """A camera, the colour stamps (n,) of its frames in seconds, and which of them have a pose (n,).
 
-    `accelerometer`: readings in the camera's axes, where there are any. `terms`: what is known of the poses beside.
+    `accelerometer`: readings in the camera's axes, if there are any. `terms`: further measurements of the poses.
     """
 
     camera: Camera
@@ -49,7 +49,7 @@ class MovingCamera:
         return twists(T_world_cam, self.stamps_s, self.known)
 
     def flow(self, measured: Measurements, T_world_cam: Floats, motion: Twists, points: Floats | None = None) -> Flow:
-        """How the measured points move in the images, at the depths of `points` (p, 3) or those measured."""
+        """Motion of the measured points in the images, at the depths of `points` (p, 3) or at those measured."""
         unknown = np.full((int(measured.track.max(initial=-1)) + 1, 3), np.nan)
         depth_m = camera_depths(measured, T_world_cam, unknown if points is None else points)
         return flow(measured, depth_m, *motion, self.camera)
@@ -60,9 +60,9 @@ def adjust(
     px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
     pose_terms: Sequence[PoseTerm] = (),
 ) -> BundleResult:  # fmt: skip
-    """Bundle adjustment of the measurements, as they were made or as corrected to px (k, 2) and z_m (k,).
+    """Bundle adjustment of the measurements, or of their corrected values px (k, 2) and z_m (k,).
 
-    It begins at `points` (p, 3), where these are known already.
+    It starts from `points` (p, 3), if given.
     """
     px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
     return bundle_adjust(
@@ -89,12 +89,12 @@ def adjust_moving(
     T: Floats, measured: Measurements, moving: MovingCamera, timing: Timing,
     rough: BundleSettings, fine: BundleSettings, jobs: int, feel: bool = True,
 ) -> tuple[BundleResult, Timing, Twists | None]:  # fmt: skip
-    """Bundle adjustment of T (n, 4, 4) with timing and motion undone; the timing and motion that were undone.
+    """Bundle adjustment of T (n, 4, 4) corrected for timing and motion; also the timing and the motion.
 
-    The motion within the frames is that of the path through the poses at first; then, if `feel`, what the
-    frames' own measurements say of it, in turns with poses and points. Frames too far apart for a path leave the
-    timing open. But only motion times readout moves a pixel, so an ASSUMED readout will do to feel their motion; the
-    result is taken if it explains the measurements better by more than MIN_VELOCITY_GAIN.
+    The motion within the frames is first that of the path through the poses. Then, if `feel`, it is estimated from the
+    measurements of each frame, alternately with poses and points. Frames too far apart for a path do not determine the
+    timing. But a pixel moves by motion times readout, so their motion can be estimated with an ASSUMED readout; that
+    result is used if it reduces the cost by more than MIN_VELOCITY_GAIN.
     """
     if timing != NO_TIMING:
         result, motion = _undone(T, measured, moving, timing, rough, fine, jobs, feel)
@@ -133,13 +133,12 @@ def _undone(
 def calibrate(
     T: Floats, tracked: Measurements, moving: MovingCamera, rough: BundleSettings, jobs: int
 ) -> tuple[Timing, Floats]:
-    """Readout time and lag of depth (s) under which measurements agree best; poses (n, 4, 4) adjusted with them.
+    """Readout time and lag of depth (s) with least cost; poses (n, 4, 4) adjusted with them.
 
-    Quasi-Newton steps in the two times, each after a bundle adjustment of part of the tracks, and of a long recording
-    of a part of its frames: the slopes of the cost are exact there. How they change is learned from step to step, as it
-    depends on how far poses and points follow: those of a camera that turns evenly make up for nearly all. No timing
-    at all is the answer where it takes away less than LEAST_GAIN of the cost, or where the times leave what a sensor
-    can do.
+    Quasi-Newton steps in the two times, each after a bundle adjustment of part of the tracks (of a long recording: in
+    part of its frames), where the slopes of the cost are exact. The Hessian is learned from step to step, as it depends
+    on how far poses and points follow: for a camera that turns evenly, they compensate nearly everything. The timing is
+    zero if it reduces the cost by less than LEAST_GAIN, or if the times exceed what a sensor can have.
     """
     part = tracked.subset(in_busiest_run(tracked.frame, CALIBRATION_FRAMES))
     whole = len(part.track) == len(tracked.track)
@@ -147,10 +146,10 @@ def calibrate(
     part = part.subset(part.track % max(every, 1) == 0)
     if not len(part.track):
         return NO_TIMING, T
-    # Slopes are those of the cost only where poses and points have come to rest.
+    # The slopes are exact only if poses and points are at a minimum.
     settings = replace(rough, relative_tolerance=REST)
     sigma_z_m = rough.depth_sigma_factor * moving.camera.noise.sigma_m(np.nan_to_num(part.z_m, nan=1.0))
-    # With the stamps taken at their word but for the two unknown times; (0, 0) is the recording as its stamps say.
+    # The stamps are exact except for the two unknown times; (0, 0) means that they are exact.
     plain = result = adjust(T, part, moving.camera, settings, jobs, pose_terms=moving.terms)
     times, step, before, hessian = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((2, 2))
     for k in range(MOST_STEPS):
@@ -165,14 +164,14 @@ def calibrate(
             break
         step, before = _downhill(gradient, hessian), gradient
         times = times + step
-    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # nothing to gain where nothing takes part
+    least = (1 - LEAST_GAIN) * plain.descent.cost_after  # no gain is possible without measurements
     if not result.descent.cost_after < least or not (np.abs(times) < MOST_S).all():
         return NO_TIMING, plain.T_world_cam if whole else T
     return Timing(float(times[0]), float(times[1])), result.T_world_cam if whole else T
 
 
 def _downhill(gradient: Floats, hessian: Floats) -> Floats:
-    """Newton's step (2,), along the axes of the Hessian no longer than LONGEST_STEP_S, and that long if downward."""
+    """Newton's step (2,), at most LONGEST_STEP_S along each axis of the Hessian; that long if it is negative there."""
     curvature, axes = np.linalg.eigh(hessian)
     along = gradient @ axes
     enough = curvature * LONGEST_STEP_S > np.abs(along)
@@ -180,7 +179,7 @@ def _downhill(gradient: Floats, hessian: Floats) -> Floats:
 
 
 def _learned(hessian: Floats, step: Floats, change: Floats) -> Floats:
-    """The Hessian (2, 2) that explains how the gradient changed along a step (BFGS); the old one if downward."""
+    """The Hessian (2, 2) updated by the change of the gradient along a step (BFGS), if it stays positive."""
     curvature, old = step @ change, hessian @ step
     if not curvature > 0 or not step @ old > 0:
         return hessian

@@ -1,13 +1,12 @@
 """The Schur complement of the bundle adjustment: points eliminated track by track.
 
-Of a point at x in a camera's frame (pose T_world_cam = (R, t), x = R^T (X - t)), a step [exp(w) | v] of the pose and d
-of the point change x by B (w, v) + R^T d with B = [hat(x) | -I]. Every block therefore comes from two small quantities
+For a point at x in a camera's frame (pose T_world_cam = (R, t), x = R^T (X - t)), a step [exp(w) | v] of the pose and
+d of the point change x by B (w, v) + R^T d with B = [hat(x) | -I]. Every block therefore follows from two quantities
 in the camera frame, the gradient a = J^T W r (3) and the Hessian A = J^T W J (3 x 3) with respect to x:
   pose B^T a, B^T A B;   point R a, V = sum R A R^T;   mixed W = B^T A R^T.
 With V = L L^T and Y = W L^-T the reduced system is  sum B^T A B - Y Y^T  (Triggs et al. 2000, section 6).
 
-Loops over 3 and 6 are written as loops: the compiler unrolls them, and compiles them several times faster than what is
-written out.
+Loops over 3 and 6 are not unrolled by hand: the compiler does it, and compiles loops several times faster.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from miniloop_cli.refinement.track_rows import TrackRows
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
 
-_POINT_PRIOR = 1e-6  # 1/m^2, keeps V regular along a ray seen once
+_POINT_PRIOR = 1e-6  # 1/m^2; keeps V regular along a ray that is seen once
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
@@ -113,7 +112,7 @@ def reduce_tracks(
                 j = tracks.frame[first + m]
                 if j != i:
                     q = following
-                    if index.columns[q] != j:  # the next block is mostly the one: tracks run through neighbours
+                    if index.columns[q] != j:  # mostly it is the next block, as tracks run through neighbouring frames
                         q += np.searchsorted(index.columns[q:end], j)
                     following = q + 1
                 for j in range(6):  # the hottest loop: a in registers, j vectorised
@@ -143,7 +142,7 @@ def step_tracks(
             for i in range(3):
                 u, v = (i + 1) % 3, (i + 2) % 3
                 q[0, i] = seen.p_cam[u, k] * step[f, v] - seen.p_cam[v, k] * step[f, u] - step[f, 3 + i]
-            for c in range(3):  # W^T step = R A q: the gradient the point feels once the pose has moved
+            for c in range(3):  # W^T step = R A q: the gradient of the point after the step of the pose
                 felt = seen.gradient[k, c]
                 for i in range(3):
                     felt += seen.hessian[k, c, i] * q[0, i]

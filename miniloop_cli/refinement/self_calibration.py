@@ -1,13 +1,13 @@
-"""The camera of a recording, from its own tracks: which parameters they tell, what these are, and how surely.
+"""The camera of a recording, estimated from its tracks: the parameters that they determine, with uncertainties.
 
-1. How many parameters: a ladder of models, each fitted to half of the tracks with what was known of the camera as
-   prior. The one that predicts the other half best is taken, or a smaller one that is within a standard deviation.
-2. That model is fitted to all tracks, in the end with sharp kernels.
-3. A parameter that the recording tells no better than MAX_UNCERTAINTY of what was known before is held where it was,
-   and the others are fitted again: a camera that only turns, a plane, or a single distance leave some of them open.
+1. The number of parameters: models of increasing size are fitted to half of the tracks, under the prior of the camera.
+   The one that predicts the other half best is chosen, or a smaller one that is within a standard deviation of it.
+2. That model is fitted to all tracks, finally with narrow kernels.
+3. A parameter whose standard deviation is more than MAX_UNCERTAINTY of its prior keeps its given value, and the others
+   are fitted again: a camera that only turns, a plane, or a single distance do not determine all of them.
 
-A depth camera of its own, known but roughly, is read at the wrong place. Within a fit a reading moves along the slope
-of the depth (two_cameras.py), after it the depth is registered to colour anew.
+With a roughly known separate depth camera, depth is read at wrong pixels. Within a fit, a reading changes by the slope
+of the depth (two_cameras.py); after the fit, depth is registered to colour again.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Ints
 
 LOG = logging.getLogger("miniloop")
-# Each model has the parameters of those before it, too.
+# Each model also has the parameters of those before it.
 LADDER: tuple[tuple[str, ...], ...] = (INTRINSICS, DISTORTION[:2], DISTORTION[2:], depth_model.NAMES)
-# Where two cameras do not fit together nothing else can be told before they do.
+# The relative pose of two cameras comes first, as nothing else can be estimated before it.
 LADDER_OF_TWO = ((*INTRINSICS, *depth_camera_parameters.NAMES), DISTORTION, depth_model.NAMES)
 MAX_LOOKS, STEPS_A_LOOK, SETTLED_PX = 12, 4, 0.5
-SIGMAS_OF_TWO = 3.0  # a larger model of two cameras must be better by so much: what is read changes with each, too
+SIGMAS_OF_TWO = 3.0  # a larger model of two cameras must be better by so much, as the readings change with it
 LEARNED, HELD_OUT = 0, 1  # every other track
 MAX_FRAMES, MAX_OBSERVATIONS = 300, 30_000
 MIN_OBSERVATIONS = 1000
-MAX_UNCERTAINTY = 0.5  # of what was known before
-MIN_GAIN, MIN_GAIN_SIGMAS = 0.002, 3.0  # of the cost of held-out tracks, below which nothing is worth changing
+MAX_UNCERTAINTY = 0.5  # of the prior
+MIN_GAIN, MIN_GAIN_SIGMAS = 0.002, 3.0  # of the cost of held-out tracks; with less, the camera keeps its parameters
 ROUGH_STEPS, FINE_STEPS = 20, 12
 
 
@@ -65,10 +65,10 @@ def self_calibrate(
     jobs: int,
     two: TwoCameras | None = None,
 ) -> Calibration | None:
-    """The camera that the measurements speak for; None where there are too few of them to ask.
+    """The camera estimated from the measurements; None if there are too few of them.
 
-    T_world_cam (n, 4, 4): poses adjusted with the camera as it was given; `timing` is undone along their path.
-    `two`: depth has a camera of its own, and is looked up again with each better one.
+    T_world_cam (n, 4, 4): poses adjusted with the given camera; `timing` is corrected along their path.
+    `two`: a separate depth camera, with which depth is read again after each fit.
     """
     part = tracked.subset(in_busiest_run(tracked.frame, MAX_FRAMES))
     part = part.subset(part.track % max(int(np.ceil(len(part.track) / MAX_OBSERVATIONS)), 1) == 0)
@@ -83,7 +83,7 @@ def self_calibrate(
     status = np.full(len(NAMES), int(Status.NO_GAIN))
     covariance = np.diag(sigma**2)
     free = model
-    if len(free):  # the kernels of `fine` are sharp: before them all tracks agree roughly
+    if len(free):  # the kernels of `fine` are narrow, so all tracks are first fitted with wide ones
         T, parameters, _, _ = fit.settled(T, parameters, free, rough, ROUGH_STEPS)
     while len(free):
         start = replace(parameters, theta=np.where(np.isin(np.arange(len(NAMES)), free), parameters.theta, 0.0))
@@ -102,7 +102,7 @@ def self_calibrate(
 
 
 class _Fit:
-    """Problems over the same recording, whose measurements are those of `part`."""
+    """Fits over the measurements `part` of one recording."""
 
     def __init__(
         self, T: Floats, part: Measurements, moving: MovingCamera, timing: Timing, jobs: int, two: TwoCameras | None
@@ -114,11 +114,11 @@ class _Fit:
         self._read: dict[bytes, CameraMeasurements] = {}
 
     def sigma(self, parameters: CameraParameters) -> Floats:
-        """(len(NAMES),) what was known of the parameters before."""
+        """(len(NAMES),) the prior standard deviations."""
         return prior_sigmas(parameters.given, self.two.given.camera if self.two else None)
 
     def measured(self, parameters: CameraParameters, half: int | None = None) -> CameraMeasurements:
-        """The measurements as they are read with these parameters; of every other track, or of all."""
+        """The measurements as read with these parameters: of every other track (`half`), or of all."""
         key = parameters.theta.tobytes() if self.two else b""
         if key not in self._read:
             self._read = {key: self._as_read(parameters)}
@@ -138,7 +138,7 @@ class _Fit:
     def problem(
         self, T: Floats, measured: CameraMeasurements, start: CameraParameters, free: Ints, settings: BundleSettings
     ) -> tuple[CameraProblem, CameraMeasurements]:
-        """With the parameters `free` (q,), from poses T (n, 4, 4); and the measurements that take part."""
+        """The problem with the parameters `free` (q,), from poses T (n, 4, 4), and its measurements."""
         bundle, terms, kept = free_bundle(T, measured, start, settings, self.jobs, self.moving.terms)
         return CameraProblem(bundle, terms, start, free, self.sigma(start)[free]), kept
 
@@ -151,9 +151,9 @@ class _Fit:
         steps: int,
         half: int | None = None,
     ) -> tuple[Floats, CameraParameters, CameraProblem, CameraMeasurements]:
-        """Poses and parameters at a minimum, the problem there and what took part in it.
+        """Poses and parameters at a minimum, the problem there and its measurements.
 
-        Depth of a camera of its own is looked up again with each answer, until it stays where it is.
+        Depth of a separate camera is read again after each fit, until it no longer moves.
         """
         looking = self.two is not None and bool((free >= OF_ONE_CAMERA).any())
         for _ in range(MAX_LOOKS if looking else 1):
@@ -181,9 +181,9 @@ class _Fit:
 def _chosen(
     fit: _Fit, start: CameraParameters, settings: BundleSettings
 ) -> tuple[Ints, float, float, Floats, CameraParameters]:
-    """The parameters (q,) of the model that held-out tracks speak for; its gain over none, and that's sigma.
+    """The parameters (q,) of the model chosen by held-out tracks; its gain over the given camera, and its sigma.
 
-    Also poses (n, 4, 4) and parameters as the other tracks have them.
+    Also poses (n, 4, 4) and parameters fitted to the other tracks.
     """
     models: list[Ints] = [np.zeros(0, np.int64)]
     first = fit.settled(fit.T, start, models[0], settings, ROUGH_STEPS, LEARNED)
@@ -199,7 +199,7 @@ def _chosen(
         models.append(free)
         states.append((T, parameters))
     others = [fit.measured(parameters, HELD_OUT) for _, parameters in states]
-    told = np.all([np.isfinite(other.z_m) for other in others], axis=0)  # the same readings must speak for all
+    told = np.all([np.isfinite(other.z_m) for other in others], axis=0)  # models are compared on the same readings
     scores = [
         held_out(T, replace(other, z_m=np.where(told, other.z_m, np.nan)), parameters, settings)
         for (T, parameters), other in zip(states, others, strict=True)

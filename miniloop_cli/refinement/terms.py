@@ -1,8 +1,7 @@
-"""What a refinement is made of: residuals of a point seen from a pose, and residuals of poses alone.
+"""The terms of a refinement: residuals of a point seen from a pose, and residuals of poses alone.
 
-A term is one class in one file: its residuals in units of their standard deviations, their derivatives, and the robust
-kernel that they are under. The adjustments take lists of terms and know nothing of what these measure. They minimise
-the sum of rho(|r|^2) / 2 over all rows of all terms.
+A term is one class in one file. It gives residuals in units of their standard deviations, their derivatives, and their
+robust kernel. The adjustments take lists of terms, and minimise the sum of rho(|r|^2) / 2 over all rows of all terms.
 """
 
 from __future__ import annotations
@@ -14,13 +13,13 @@ from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.typing import Floats, Ints
 
 NEAR_M = 0.02  # a point nearer than this (or behind) has no useful projection
-BEHIND = 1e2  # its residual: constant, so it neither pulls nor pays
+BEHIND = 1e2  # its residual: a constant, without derivative
 
 
 class PointTerm(Protocol):
     """Residuals of the points of tracks in the frames that see them, one row of `d` residuals an observation.
 
-    Arrays are columns: a residual's values for all k observations lie side by side, so that numpy runs along them.
+    The last axis of arrays runs over the k observations, so that numpy works on contiguous values.
     """
 
     @property
@@ -41,7 +40,7 @@ class PointTerm(Protocol):
 
 
 class Gauge(IntEnum):
-    """What moves as a whole without any residual of a term noticing."""
+    """Motions of the whole that change no residual of a term."""
 
     NOTHING = 0  # poses are measured in the world
     HEADING = 1  # the vertical is z: position and a turn about z are free
@@ -63,7 +62,7 @@ class PoseTerm(Protocol):
 
     @property
     def gauge(self) -> Gauge:
-        """What of the world these residuals leave open."""
+        """The motions of the world that these residuals do not measure."""
         ...
 
     def linearise(self, T_world_cam: Floats) -> tuple[Floats, Floats]:

@@ -1,9 +1,9 @@
-"""What a moving RGB-D camera does to its own measurements: rolling shutter, and depth that lags behind colour.
+"""Timing of a moving RGB-D camera: rolling shutter, and depth that lags behind colour.
 
-The rows of a colour image are exposed one after the other, and the depth image that is stored beside it was taken at
-another moment. With the camera's motion known both are undone in the measurements themselves: a pixel is moved to where
-it would have been at the middle row's time, and a depth to what it would have read then. The two unknown times, one of
-each for a whole recording, are found as those under which all measurements agree best.
+The rows of a colour image are exposed one after the other, and its depth image was taken at another time. With a known
+motion of the camera, the measurements are corrected for both: a pixel moves to its position at the time of the middle
+row, and a depth becomes the depth at that time. The two times are constant over a recording; they are estimated as
+those of least cost.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Ints
 
-if TYPE_CHECKING:  # a run that finds refined poses in the store needs no bundle adjustment
+if TYPE_CHECKING:  # a run with refined poses in the cache does not import the bundle adjustment
     from miniloop_cli.refinement.bundle import BundleResult
 
 
@@ -48,7 +48,7 @@ class Measurements:
 class Flow:
     """Points X (k, 3) in cameras that turn by w (k, 3) rad/s and move by v (k, 3) m/s, all in the camera's frame.
 
-    How their images move: px (k, 2) in px/s, and their depths: z (k,) in m/s.
+    The velocity of their images: px (k, 2) in px/s, and of their depths: z (k,) in m/s.
     """
 
     X: Floats
@@ -75,17 +75,17 @@ def flow(measured: Measurements, depth_m: Floats, v: Floats, w: Floats, camera: 
 def corrected(measured: Measurements, moving: Flow, timing: Timing, camera: Camera) -> tuple[Floats, Floats]:
     """Pixels (k, 2) and depths (k,) as if the whole frame had been taken at its colour stamp's middle row.
 
-    The pixel was measured at the time e of its row, the depth there d later: infrared cameras roll as colour cameras
-    do. The ray of the pixel, taken from the camera of its row to that of the middle row, meets the point's depth there;
-    `scale` is how far along the ray that is. By d the image moved on over the surface by d flow, and the depth changed
-    by d z': z(stamp) = z + d slope . flow - d z' + (z(middle row) - z(row)). Where that is behind the camera, it does
-    not move as it is said to, and there is no depth.
+    The pixel was measured at the time e of its row, the depth there d later, as infrared cameras have rolling shutters
+    as well. The ray of the pixel, in the camera of the middle row, meets the point's depth at `scale` along the ray. In
+    the time d the image moves over the surface by d flow, and the depth changes by d z':
+    z(stamp) = z + d slope . flow - d z' + (z(middle row) - z(row)). Where that is behind the camera, the motion is
+    wrong, and the depth is NaN.
     """
     row_s, late_s = timing.readout_s * measured.row_share, measured.stamp_lag_s + timing.lag_s
     turn, move = row_s[:, None] * moving.w, row_s[:, None] * moving.v
     depth_m = moving.X[:, 2]
     X = moving.X + np.cross(turn, moving.X + np.cross(turn, moving.X) / 2)  # to second order: 0.003 px at 200 deg/s
-    scale = (depth_m - move[:, 2]) / np.maximum(X[:, 2], 0.1 * depth_m)  # no camera turns away from what it sees
+    scale = (depth_m - move[:, 2]) / np.maximum(X[:, 2], 0.1 * depth_m)  # a seen point stays in front of the camera
     X = scale[:, None] * X + move
     X[:, 2] = depth_m
     z_m = measured.z_m + late_s * (_along_surface(measured, moving) - moving.z) + (1 - scale) * depth_m
@@ -102,8 +102,8 @@ def slopes(
 ) -> tuple[Floats, Floats]:
     """First and second derivatives (2,) of the cost of an adjustment of the measurements by readout_s and lag_s.
 
-    At a minimum over poses and points the first are total: what those would gain by following vanishes to first order.
-    The second are those of poses and points that stay.
+    At a minimum over poses and points, the first are total derivatives: the effect of poses and points that follow
+    vanishes to first order. The second are for fixed poses and points.
     """
     with_depth = np.isfinite(adjusted.residual_depth)
     px_by_readout = moving.px * measured.row_share[:, None] / sigma_px
@@ -112,7 +112,7 @@ def slopes(
     w_px, w_z = adjusted.weight_px[:, None], adjusted.weight_depth
     # Residuals are predicted minus measured, in sigmas.
     r_px, r_z = w_px * np.nan_to_num(adjusted.residual_px), w_z * np.nan_to_num(adjusted.residual_depth)
-    # Sums, not products of a matrix library, whose last bits depend on where an array lies in memory.
+    # Sums instead of matrix products, whose last bits depend on the alignment of an array in memory.
     first = [(r_px * px_by_readout).sum() + (r_z * z_by_readout).sum(), (r_z * z_by_lag).sum()]
     second = [(w_px * px_by_readout**2).sum() + (w_z * z_by_readout**2).sum(), (w_z * z_by_lag**2).sum()]
     return np.array(first), np.array(second)

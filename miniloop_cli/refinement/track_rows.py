@@ -1,4 +1,4 @@
-"""Which frames see which points: the rows of all observations, sorted by track."""
+"""The rows of all observations, sorted by track: which frames see which points."""
 
 from __future__ import annotations
 

@@ -39,11 +39,11 @@ def build_tracks(
 
     feature_offsets: (n + 1,) ints, frame f owns the features offsets[f]..offsets[f + 1] - 1 counted over all frames.
     pairs: (m, 2) ints, the frames of each pair; matches: m arrays (k, 2) of feature numbers within those two frames.
-    strength: m scalars or (k,) arrays, larger is joined earlier; by default the number of matches of the pair, since
-    a pair with many inliers is rarely wrong. Ties keep the order given, so the result depends on nothing else.
+    strength: m scalars or (k,) arrays, stronger matches are joined earlier; by default the number of matches of the
+    pair, since a pair with many inliers is rarely wrong. Ties keep the given order.
 
-    A union-find takes the matches from the strongest on and refuses one that would put two features of a frame into
-    one track: a wrong match costs its own link, not the two tracks it would have fused.
+    A union-find joins the matches from the strongest on. It refuses a match that would put two features of a frame
+    into one track, so that a wrong match does not fuse two tracks.
     Raises ValueError for shapes or numbers that do not fit together.
     """
     offsets = np.asarray(feature_offsets, np.int64)
@@ -70,7 +70,7 @@ def build_tracks(
     ones, scratch = np.ones(len(frame_of), np.int64), np.empty(2, np.int64)
     dropped = _join(np.ascontiguousarray(nodes), frame_of, root, root.copy(), ones, unmarked, scratch)
 
-    # Nodes are numbered by frame, then feature, so the smallest node of a track names it and a stable sort does it.
+    # Nodes are numbered by frame, then feature. A track has the number of its smallest node, so a stable sort suffices.
     size = np.bincount(root, minlength=len(root))
     kept = np.flatnonzero(size[root] >= max(min_frames, 2))
     _, first, track = np.unique(root[kept], return_index=True, return_inverse=True)

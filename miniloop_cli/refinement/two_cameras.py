@@ -1,4 +1,4 @@
-"""Depth that is looked up by way of a depth camera of its own: readings that depend on where the two cameras stand."""
+"""Depth from a separate depth camera: the readings depend on the relative pose of the two cameras."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DepthReader = Callable[[Camera, DepthCamera, Ints, Floats], tuple[Floats, Floats
 
 
 class ReadingChange(NamedTuple):
-    """How readings (k,) change with the parameters: by_theta (len(NAMES), k), looked up at `theta`."""
+    """How readings (k,) change with the parameters: by_theta (len(NAMES), k), evaluated at `theta`."""
 
     theta: Floats
     by_theta: Floats
@@ -35,7 +35,7 @@ class ReadingChange(NamedTuple):
 
 @dataclass(frozen=True)
 class TwoCameras:
-    """A depth camera that is known but roughly, and where its readings are looked up."""
+    """A roughly known depth camera, and a function that gives its readings."""
 
     given: DepthCamera
     read_depth: DepthReader
@@ -50,7 +50,7 @@ class TwoCameras:
         z_m, slope = self.read_depth(color, own, frame, px)
         X = color.backproject(color.undistort(px), np.where(np.isfinite(z_m), z_m, 1.0))
         by_theta = np.zeros((len(NAMES), len(px)))
-        # A step of the colour camera shifts the surface in its image, and another part of it is read.
+        # A step of the colour camera shifts the surface in its image, so that another part of the surface is read.
         by_theta[:OF_PIXELS] = -np.einsum("ki,ijk->jk", slope, parameters.project(X.T).by_parameters)
         by_theta[OF_ONE_CAMERA:] = of_two.reading_slopes(X, slope, color, own.camera, own.T_color_depth)
         return z_m, slope, ReadingChange(parameters.theta, np.where(np.isfinite(z_m), by_theta, 0.0))
