@@ -1,4 +1,4 @@
-"""Features of a grey image, and their descriptors made ready for matching, by the name of their type."""
+"""Features of a grey image, and their descriptors in the form for matching, by the name of their type."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Detection:
     """Keypoints of one image, strongest first.
 
     px: (n, 2) float64 measured pixels; radius_px: (n,) float32 of the blob or corner that was found; response: (n,)
-    float32; descriptors: (n, d) as stored. `comparable` makes them ready for matching.
+    float32; descriptors: (n, d) as stored. `comparable` converts them for matching.
     """
 
     px: Floats
@@ -47,17 +47,17 @@ def detect(gray: Bytes, kind: str, count: int, contrast: float = 0.02, first_oct
 
 
 def _from_own_size(doubling: Detector, gray: Bytes, count: int, contrast: float) -> Keypoints:
-    """What a detector that doubles its image finds when it begins with the image as it is: it is given half of it."""
+    """Keypoints from the image at its own size: a detector that doubles its image gets an image of half the size."""
     import cv2
 
     half = np.asarray(cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
     found = doubling(half, count, contrast)
-    # A pixel of the half is the mean of four: its centre lies between theirs.
+    # A pixel of the half image is the mean of four, so its centre lies between theirs.
     return found._replace(px=2 * found.px + 0.5, radius_px=2 * found.radius_px)
 
 
 def comparable(descriptors: NDArray[Any], kind: str) -> NDArray[Any]:
-    """Stored descriptors (n, d) of a type as `match` wants them: uint8 bits (Hamming) or float32 (Euclidean)."""
+    """Stored descriptors (n, d) of a type in the form for `match`: uint8 bits (Hamming) or float32 (Euclidean)."""
     return FEATURE_TYPES[kind].descriptors.comparable(descriptors)
 
 

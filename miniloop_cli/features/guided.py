@@ -1,7 +1,7 @@
-"""Guided matching: with the relative pose known, a feature is looked for only where it must appear.
+"""Guided matching: with a known relative pose, a feature is searched only near its predicted position.
 
-The window is small, so few candidates compete: matches that the ratio test over the whole image had to refuse are
-found, features without a depth of their own can be matched, and the cost a pair is a fraction of a matrix product.
+A small window has few candidates. Therefore matches are found that fail the ratio test over the whole image, features
+without depth can be matched, and a pair costs a fraction of a matrix product.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def guided_matches(
     settings: Bundle,
     workers: Workers,
 ) -> list[Ints]:
-    """Matches of each pair (i, j) where its relative pose T_j_i (m, 4, 4) says they must be, as `guided_match`."""
+    """Matches (k, 2) of each pair (i, j) with relative pose T_j_i (m, 4, 4), by `guided_match`."""
     named = {k for pair in pairs for k in pair}
     small = {k: compact(features[k].descriptors, feature_type) for k in named}
     ready = {k: searchable(features[k], small[k][0], camera) for k in named}
@@ -156,9 +156,9 @@ def search_windows(
 
 
 def agreed(forward: Ints, backward: Ints) -> Ints:
-    """Pairs (m, 2) of the two directions' answers that no other answer contradicts, sorted.
+    """Pairs (m, 2) from the results of both directions that no other result contradicts, sorted.
 
-    An answer is the other scan's feature, or -1; forward (n,) and backward (m,) answer for the first features only.
+    A result is a feature of the other scan, or -1; forward (n,) and backward (m,) are for the first features only.
     """
     a, b = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
     answered = backward[b] < len(forward)

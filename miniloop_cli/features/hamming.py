@@ -1,6 +1,6 @@
-"""Set bits of 256, as instructions on 32-bit integers, which the compiler puts side by side in its widest registers.
+"""Set bits of 256, as LLVM instructions on 32-bit integers, which the compiler vectorises.
 
-In Python, numba would widen them to 64 bits.
+From Python code, numba would widen them to 64 bits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 
 WORDS = 8  # of 32 bits
-COUNTING = "+avx512vpopcntdq"  # processors that count bits in wide registers, in half the time that adders take
+COUNTING = "+avx512vpopcntdq"  # processors that count bits in wide registers, twice as fast as adders
 
 
 def _set_bits(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
@@ -31,7 +31,7 @@ set_bits: Callable[..., Any] = intrinsic(_set_bits)
 
 
 def by_counting(builder: Any, words: Sequence[Any]) -> Any:
-    """The sum of what the processor counts in each word."""
+    """The sum of the processor's bit counts of the words."""
     counts = [builder.ctpop(word) for word in words]
     while len(counts) > 1:
         counts = [builder.add(x, y) for x, y in zip(counts[::2], counts[1::2], strict=True)]
@@ -39,7 +39,7 @@ def by_counting(builder: Any, words: Sequence[Any]) -> Any:
 
 
 def by_adders(builder: Any, words: Sequence[Any]) -> Any:
-    """Carry-save adders first, so that four words are counted in place of eight.
+    """Carry-save adders first, so that four words are counted instead of eight.
 
     An adder takes three bits of the same weight to a sum and a carry of twice the weight, for 32 places at once (Harley
     and Seal; H. S. Warren, Hacker's Delight, 2nd ed., section 5-1).
@@ -76,7 +76,7 @@ def by_adders(builder: Any, words: Sequence[Any]) -> Any:
     twos, fours_a = full(twos_a, twos_b, twos_c)
     twos, fours_b = half(twos, twos_d)
     fours, eights = half(fours_a, fours_b)
-    # Of each of the four bytes 64 bits at most, together more than a byte holds: sum them in halves.
+    # Each of the four bytes counts up to 64 bits, their sum exceeds a byte: sum them in halves.
     in_bytes = builder.add(in_eights(ones, twos), doubled(in_eights(fours, eights), 2))
     in_halves = builder.add(masked(in_bytes, 0, 0x00FF00FF), masked(in_bytes, 8, 0x00FF00FF))
     return masked(builder.add(in_halves, builder.lshr(in_halves, ir.Constant(in_halves.type, 16))), 0, 0xFFFF)

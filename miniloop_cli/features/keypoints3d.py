@@ -1,4 +1,4 @@
-"""Features with depth: where a scan's keypoints lie in space, in the camera's frame."""
+"""Features with depth: the 3D points of a scan's keypoints, in the camera's frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
 
     gray = np.asarray(cv2.cvtColor(scan.color, cv2.COLOR_RGB2GRAY), np.uint8)
     hidden = 0.0 if scan.mask is None else scan.mask.mean()
-    # About as many for the part of the image that is not hidden as there would be for all of it.
+    # More features, so that about `count` of them are outside of the mask.
     count, octave = int(np.ceil(features.count / max(1 - hidden, 0.1))), 0 if features.first_octave == 0 else -1
     found = detect(gray, features.type, count, features.contrast, octave)
     if scan.mask is not None:
@@ -37,7 +37,7 @@ def scan_features(scan: Scan, camera: Camera, features: Features, depth: Depth) 
 
 
 def clear_of(mask: Bools, px: Floats, radius_px: Floats32) -> Bools:
-    """Whether features at pixels (n, 2) keep their radius (n,) away from what a mask (h, w) hides: (n,)."""
+    """Whether (n,) features at pixels (n, 2) are at least their radius (n,) away from a mask (h, w)."""
     import cv2
 
     away_px = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -66,7 +66,7 @@ def depth_at(depth_m: Floats32, px: Floats, settings: Depth) -> Floats:
     return np.where(usable, value, np.nan)
 
 
-SLOPE_STEP_PX = 5.0  # near readings differ by noise, far ones by other surfaces
+SLOPE_STEP_PX = 5.0  # nearer readings differ by noise, farther ones by other surfaces
 
 
 def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> Floats:
@@ -85,16 +85,16 @@ def smooth_slope(before_m: Floats, z_m: Floats, after_m: Floats) -> Floats:
     return np.where(smooth, (after_m - before_m) / (2 * SLOPE_STEP_PX), 0.0)
 
 
-# Variance of a blob in its radius squared: SIFT's radius is two sigma, and the variance 2^(1/3) sigma^2, between those
-# of the two Gaussians of a layer.
+# Variance of a blob over its radius squared: SIFT's radius is two sigma, and the variance is 2^(1/3) sigma^2, between
+# those of the two Gaussians of a layer.
 BLOB = 2 ** (1 / 3) / 4
 
 
 def blob_shift(radius_px: Floats32, z_m: Floats, slope: Floats) -> Floats:
-    """Pixels (n, 2) from where SIFT finds blobs of radius (n,), at depths z_m (n,) of slope (n, 2), to their middles.
+    """Offsets (n, 2) px from SIFT's keypoints, blobs of radius (n,) at depths z_m (n,) of slope (n, 2), to the middles.
 
-    A round blob on a slanted surface is larger on the side that is nearer, and the extremum of its Laplacian at its
-    own variance t lies t slope / z off its middle, to that side (docs/refinement.md). 0 where there is no depth.
+    A round blob on a slanted surface is larger on the nearer side. The extremum of its Laplacian at its variance t is
+    shifted by t slope / z from its middle to that side (docs/refinement.md). 0 where there is no depth.
     """
     return np.nan_to_num(BLOB * radius_px[:, None] ** 2 * slope / z_m[:, None])
 
@@ -106,8 +106,8 @@ JUMP = 0.05  # of the depth: more than noise, less than from furniture to the wa
 def on_outline(depth_m: Floats32, px: Floats, radius_px: Floats32, z_m: Floats) -> Bools:
     """Whether depth jumps (n,) within the radius (n,) of features at pixels (n, 2) of depth z_m (n,).
 
-    Such a feature is where one thing ends before another: it lies elsewhere on both when seen from elsewhere. False
-    where the feature has no depth.
+    Such a feature is at the outline of an object, where its position on the surfaces changes with the viewpoint. False
+    if the feature has no depth.
     """
     height, width = depth_m.shape
     found = np.zeros(len(px), bool)

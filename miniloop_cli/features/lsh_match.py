@@ -1,9 +1,9 @@
-"""Fast matching: a sketch of each descriptor names the few neighbours that are worth an exact comparison.
+"""Fast matching: sketches of the descriptors select a few neighbours, which are then compared exactly.
 
 A sketch is the signs of the descriptor under random directions (Charikar, "Similarity estimation techniques from
-rounding algorithms", STOC 2002): the nearer two descriptors, the fewer signs differ, and counting differing bits costs
-a fraction of a distance. Of each feature the CANDIDATES that differ least, one at most in every LANE of columns, are
-then compared exactly; the ratio test is between those.
+rounding algorithms", STOC 2002): the nearer two descriptors, the fewer signs differ, and counting differing bits is
+much cheaper than a distance. For each feature, the CANDIDATES with fewest differing bits, at most one in each lane of
+columns, are compared exactly, and the ratio test is between those.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Bits = NDArray[np.uint32]
 
 LANES = 16  # columns compared at once; each keeps its best
 CANDIDATES = 8
-MAX_FEATURES = 1 << 16  # features of a scan: as many as a key can number
+MAX_FEATURES = 1 << 16  # features of a scan, limited by the bits of a key
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Sketched:
 
 @dataclass(frozen=True)
 class Sketcher:
-    """What sketches that are to be compared share: the mean (d,) that signs are about, and directions (d, 32 WORDS)."""
+    """Makes comparable sketches: signs about the mean (d,) along directions (d, 32 WORDS)."""
 
     mean: Floats32
     directions: Floats32
@@ -77,8 +77,8 @@ def _directions(d: int) -> Floats32:
 def match_sketched(a: Sketched, b: Sketched, count: int, ratio2: float) -> Ints:
     """Matches (k, 2) of the first `count` features of a and b, sorted; `ratio2` bounds the ratio of squared distances.
 
-    Nearly those of `match`: mutual as far as the candidates tell, and where the second nearest is not among them, the
-    ratio test lets more pass.
+    Nearly those of `match`, but mutual among the candidates only; and the ratio test passes more matches if the second
+    nearest is not a candidate.
     """
     n, m = min(len(a.rows), count), min(len(b.rows), count)
     if n < 1 or m < 2:
@@ -122,7 +122,7 @@ def _nearest(rows: Bits, blocks: Bits, m: int, lane: Bits, column: Bits) -> None
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _least(keys: Bits) -> np.uint32:
-    """The least of the keys (LANES,), which is taken from them."""
+    """The least of the keys (LANES,), which is removed."""
     least = np.uint32(0xFFFFFFFF)
     for k in range(LANES):
         least = min(least, keys[k])

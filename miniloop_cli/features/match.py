@@ -1,7 +1,7 @@
 """Exact mutual nearest neighbours with the ratio test: all distances of a row, one pass over them.
 
-The pass keeps the best and second-best of a row in independent lanes and the best of every column: only minima and
-maxima, so that it vectorises. Indices are looked up afterwards, for the few rows that pass the ratio test.
+The pass keeps the best and second-best of a row in independent lanes, and the best of every column. It uses only minima
+and maxima and therefore vectorises. Indices are found afterwards, for the few rows that pass the ratio test.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from miniloop_cli.typing import Bytes, Floats32, Ints
 
 LANES = 16
 INFINITE_DISTANCE = np.float32(3e38)
-# No NaN comes in, and the sign of zero does not matter: without these two promises minima do not vectorise.
-# Reassociation stays forbidden: a distance must come out the same to the bit each time it is computed.
+# There is no NaN, and the sign of zero does not matter; minima vectorise only under these two assumptions.
+# Reassociation stays forbidden, so that a distance has the same bits each time it is computed.
 MATH = {"nnan", "nsz"}
 
 
@@ -23,9 +23,9 @@ def match(a: NDArray, b: NDArray, ratio: float = 0.8) -> Ints:
     """Mutual nearest neighbours of two descriptor sets that pass the ratio test on the first set's side.
 
     a (n, d), b (m, d): both float32 (Euclidean distance) or both uint8 (Hamming distance over packed bits).
-    Returns (k, 2) int64 index pairs, sorted by the first index: what OpenCV's brute-force matcher gives with
-    `knnMatch(k=2)`, Lowe's ratio and a cross check. Where several rows are equally near to a column, the first that
-    passes the ratio test has it (bits tie often).
+    Returns (k, 2) int64 index pairs, sorted by the first index: the same as OpenCV's brute-force matcher with
+    `knnMatch(k=2)`, Lowe's ratio and a cross check. If several rows are equally near to a column, as is frequent with
+    bits, the first that passes the ratio test is matched.
     """
     if len(a) < 1 or len(b) < 2:
         return np.zeros((0, 2), np.int64)
@@ -43,7 +43,7 @@ def _words(bits: Bytes) -> NDArray[np.uint64]:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH, inline="always")
 def _top2(d: Floats32, column: Floats32, lane1: Floats32, lane2: Floats32) -> tuple[np.float32, np.float32]:
-    """Best and second-best of the distances d (m,); column (m,) takes their minimum with what it holds."""
+    """Best and second-best of the distances d (m,); column (m,) becomes the minimum of itself and d."""
     m = d.shape[0]
     whole = m - m % LANES
     lane1[:] = INFINITE_DISTANCE
@@ -91,7 +91,7 @@ def _match_products(products: Floats32, norms_a: Floats32, norms_b: Floats32, ra
         best[i], second[i] = _top2(d, column, lane1, lane2)
     out, count = np.empty((n, 2), np.int64), 0
     for i in range(n):
-        # Rounding can take the squared distance of equal descriptors below zero.
+        # Rounding can make the squared distance of equal descriptors negative.
         if max(best[i], np.float32(0)) < ratio2 * second[i]:
             j = _mutual(products[i], best[i], column)
             if j >= 0:

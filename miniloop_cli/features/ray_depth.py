@@ -1,4 +1,4 @@
-"""Depth on single rays of a colour camera, read from the image of a depth camera that stands beside it."""
+"""Depth on single rays of a colour camera, read from the image of a separate depth camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.scene.sequence import DepthCamera
 from miniloop_cli.typing import Floats, Floats32
 
 STEPS = 5
-AGREES = 0.01  # relative change of a depth that counts as found
+AGREES = 0.01  # relative change of a depth at which the search has converged
 
 
 def depth_on_rays(
@@ -35,10 +35,10 @@ def depth_on_rays(
 def _on_rays(
     depth_m: Floats32, px: Floats, color: Camera, own: DepthCamera, settings: Depth, near_m: Floats | None = None
 ) -> Floats:
-    """Depths (k,) where the rays meet what the depth camera saw, sought from depths `near_m` (k,) or the usual one.
+    """Depths (k,) m at which the rays meet the measured surface, by iteration from `near_m` (k,) or a usual depth.
 
-    A guess of the depth says where in the depth image the ray's point is; what is read there is the next guess. Where
-    the cameras see one surface it comes to rest at once: the place moves little with the depth.
+    A guess of the depth gives a position in the depth image; the reading there is the next guess. On a surface that
+    both cameras see this converges at once, as the position changes little with the depth.
     """
     some = depth_m[::8, ::8]
     readings = some[some > 0]
@@ -55,7 +55,7 @@ def _on_rays(
         inside = ahead & np.isfinite(seen).all(axis=1)
         read = depth_at(depth_m, np.where(inside[:, None], seen, -1.0), settings)
         reading = np.isfinite(read)
-        # Where nothing is read beside an edge or in a hole, the guess stays: another step may lead out of it.
+        # Without a reading, beside an edge or in a hole, the guess is kept: the next step may leave the hole.
         after = np.where(reading, (np.nan_to_num(read) - shift[2]) / turned[:, 2], z_m)
         found = reading & (np.abs(after - z_m) < AGREES * z_m)
         z_m = np.where(after > 0, after, z_m)

@@ -1,8 +1,8 @@
-"""Which scans look alike: one compact vector an image from the features it already has (VLAD).
+"""Image retrieval: one compact vector (VLAD) for each image, from its features.
 
 Jégou et al., "Aggregating local descriptors into a compact image representation", CVPR 2010: descriptors are assigned
 to the words of a small vocabulary, the residuals of each word are summed, signed square roots taken, and the vector
-normalised. The vocabulary is learnt from the recording itself.
+normalised. The vocabulary is learnt from the recording.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _nearest(vectors: Floats32, most: int, faiss_from: int) -> Ints:
 
 
 def around(loops: Iterable[Pair], count: int, reach: int = 2) -> set[Pair]:
-    """Pairs of frames next to those of the given pairs: where one loop was found, its neighbours overlap too."""
+    """Pairs of frames within `reach` of the given pairs, as the neighbours of a loop overlap as well."""
     near = set()
     for i, j in loops:
         for a in range(max(i - reach, 0), min(i + reach + 1, count)):

@@ -1,4 +1,4 @@
-"""A scan as a small picture with depth: enough to tell whether two scans look alike where they overlap."""
+"""The view of a scan: a small image with depth, to compare scans that overlap."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.scene.thumbnail import View
 from miniloop_cli.typing import Ints
 
-COLUMNS = 64  # cells across the image; about 10 pixels each at 640: coarser than rolling shutter and lag of depth
+COLUMNS = 64  # cells across the image; 10 pixels each at a width of 640, coarser than the effects of timing
 EDGE = 0.06  # spread of depth in a cell, as a share, beyond which it is not one surface
 
 
 def make_view(scan: Scan, camera: Camera, depth: Depth) -> View:
-    """The view of a scan; depth outside of the range that is believed does not count."""
+    """The view of a scan; depth outside of the range of `depth` is ignored."""
     import cv2
 
     pixel, start, cell, shape = _cells(camera, scan.depth_m.shape)
@@ -41,7 +41,7 @@ def make_view(scan: Scan, camera: Camera, depth: Depth) -> View:
 
 @cache
 def _cells(camera: Camera, shape: tuple[int, int]) -> tuple[Ints, Ints, Ints, tuple[int, int]]:
-    """Pixels of an image grouped by cell: their numbers in order, where each group starts, its cell; rows, columns."""
+    """Pixels of an image grouped by cell: numbers in order, start and cell of each group; rows, columns."""
     height, width = shape
     size_px = width / COLUMNS
     rows = int(np.ceil(height / size_px))

@@ -1,1 +1,1 @@
-"""Points followed through whole recordings."""
+"""Tracking of points through whole recordings."""

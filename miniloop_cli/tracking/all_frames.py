@@ -43,7 +43,7 @@ def priors_among(priors: Priors, rows: Ints, n: int) -> Priors:
 
 
 def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
-    """The edges; of neighbouring keyframes that no verified edge joins, what followed points showed."""
+    """The edges, and edges from tracked points between neighbouring keyframes that no verified edge joins."""
     keyframes = tracked.keyframes
     row = np.full(len(tracked), -1)
     row[keyframes] = np.arange(len(keyframes))
@@ -66,7 +66,7 @@ def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
                 verdict=Verdict.VERIFIED,
                 rejection=Rejection.NONE,
                 confirmed=True,
-                followed=max(int(tracked.support[frame]), 1),  # averaging weighs by it
+                followed=max(int(tracked.support[frame]), 1),  # the weight in averaging
             )
         )
     return edges.replaced(more) if more else edges
@@ -78,7 +78,7 @@ def in_frames(edges: EdgeTable, keyframes: Ints) -> EdgeTable:
 
 
 def of_all_frames(keyframes: Many[ExtractedScan], tracked: Tracked) -> list[ExtractedScan]:
-    """What was extracted, a row a frame: nothing from the frames between, but why one of them could not be used."""
+    """One row a frame: the extracted keyframes; other frames have no features, and the reason if they are unusable."""
     found = iter(keyframes)
     nothing = ExtractedScan(NO_FEATURES, None, np.nan, np.nan, "")
     return [

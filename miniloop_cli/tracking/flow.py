@@ -1,4 +1,4 @@
-"""Points followed from one image to another by optical flow, checked forwards and backwards."""
+"""Points tracked from one image to another by optical flow, checked forwards and backwards."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from miniloop_cli.typing import Bools, Bytes, Floats32
 
 WINDOW_PX = 15
-LEVELS, MORE_LEVELS = 2, 4  # of the pyramid: from a good guess, and from none
-MAX_RETURN_PX = 0.5  # a point that does not come back to where it began is not followed
+LEVELS, MORE_LEVELS = 2, 4  # of the pyramid: with a good guess, and without one
+MAX_RETURN_PX = 0.5  # a point that returns farther from its start is discarded
 BORDER_PX = 5  # the window would leave the image
 CORNER_QUALITY, CORNER_DISTANCE_PX, CORNER_BLOCK_PX = 0.005, 9, 3
-LEAST_CORNER = (3.5 / 255) ** 2  # mean squared gradient, of full scale a pixel: noise has less
+LEAST_CORNER = (3.5 / 255) ** 2  # mean squared gradient, full scale a pixel; noise has less
 
 
 def follow(before: Bytes, after: Bytes, px: Floats32, guess_px: Floats32, sure: bool) -> tuple[Floats32, Bools]:
-    """Where the points px (n, 2) of the image `before` lie in `after`, both (h, w); and which were found (n,).
+    """Positions (n, 2) in the image `after` of the points px (n, 2) of `before`, both (h, w); which were found (n,).
 
-    guess_px (n, 2): where to begin; `sure`: it is right within some pixels. Pyramidal Lucas-Kanade (Bouguet 2001),
-    there and back again.
+    guess_px (n, 2): start of the search; `sure`: it is right within some pixels. Pyramidal Lucas-Kanade (Bouguet
+    2001), forwards and backwards.
     """
     if not len(px):
         return px, np.zeros(0, bool)
@@ -44,7 +44,7 @@ def _lucas_kanade(a: Bytes, b: Bytes, px: Floats32, guess_px: Floats32, levels: 
 
 
 def new_corners(gray: Bytes, known_px: Floats32, count: int, allowed: Bools) -> Floats32:
-    """At most `count` corners (m, 2) of an image (h, w), the strongest first, away from the points known already.
+    """At most `count` corners (m, 2) of an image (h, w), the strongest first, away from the known points.
 
     allowed (h, w): where corners may lie. Shi & Tomasi (1994).
     """

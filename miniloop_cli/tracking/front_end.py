@@ -1,7 +1,7 @@
-"""The front end of whole recordings: points followed through frames, the motion they show, and the keyframes.
+"""The front end of whole recordings: points tracked through frames, the motion from them, and the keyframes.
 
-Points are followed from the last keyframe, not from frame to frame, so that their places do not drift. A frame becomes
-a keyframe when few of the last one's points are left, so that whatever comes next is tied to it by many.
+Points are tracked from the last keyframe, not from frame to frame, so that their positions do not drift. A frame
+becomes a keyframe when few of the last one's points are left, so that the following frames share many points with it.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from miniloop_cli.tracking.motion import MIN_POINTS, frame_motion
 from miniloop_cli.tracking.surface import Surface, make_surface, openness, surface_motion
 from miniloop_cli.typing import Bools, Floats, Floats32
 
-MAX_PREDICTED_S = 0.2  # a motion goes on like this for so long at most
-FEW_POINTS = 60  # with fewer, depth and brightness are asked as well
-SURE_SHARE = 0.2  # of the points that must go on together where no depth can be asked: a dozen agree by chance
-MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must see, too
-CELLS_A_POINT = 100  # of a surface: neighbours share their errors
+MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
+FEW_POINTS = 60  # with fewer, depth and brightness are used as well
+SURE_SHARE = 0.2  # of the points that must agree without depth, as a dozen can agree by chance
+MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must also see
+CELLS_A_POINT = 100  # of a surface, as neighbouring cells share their errors
 LAG_S = 0.02  # between a colour image and its depth image
 NO_POINTS = np.zeros((0, 2), np.float32)
 OUTLINE_PX = 7.0  # half of the window by which a point is followed
 
 
 def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int, last: int) -> TrackedPart:
-    """Follow points through the frames first..last; both ends are keyframes if they can be read and have depth."""
+    """Track points through the frames first..last; both ends are keyframes if they can be read and have depth."""
     part = TrackedPart.of(first, last)
     tracker = _Tracker(sequence.camera, depth, settings, part)
     for frame in told_apart(readable_frames(sequence, range(first, last + 1), part), part):
         tracker.add(frame, frame.number == last)
     keyframe = int((part.status == TrackStatus.KEYFRAME).argmax())
     if keyframe > 0 and (part.status[:keyframe] == TrackStatus.NO_DEPTH).any():
-        # Colour begins before depth does: what comes before the first keyframe is followed backwards from it.
+        # Colour may begin before depth: frames before the first keyframe are tracked backwards from it.
         backwards = _Tracker(sequence.camera, depth, settings, part, tracker.tracks)
         for frame in readable_frames(sequence, range(first + keyframe, first - 1, -1), part):
             backwards.add(frame, False)
@@ -49,7 +49,7 @@ def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int,
 
 @dataclass
 class _Key:
-    """The keyframe that points are followed from: where they lay in its image and in its camera (NaN: no depth)."""
+    """The keyframe of the tracked points: their pixels in its image and their points in its camera (NaN: no depth)."""
 
     frame: TrackFrame
     px: Floats32
@@ -59,10 +59,10 @@ class _Key:
 
 
 class _Tracker:
-    """Takes one frame after the other, and writes what it sees of each into a part.
+    """Processes one frame after the other, and writes the results into a part.
 
     Row k of the points (`_px`, `_track`, the key's px and p_key) is the same point. `_found`: the points were found in
-    the last frame; else they are where they were seen last. `tracks`: how many tracks the part has.
+    the last frame; else they have their last known positions. `tracks`: number of tracks of the part.
     """
 
     def __init__(self, camera: Camera, depth: Depth, settings: Tracking, part: TrackedPart, tracks: int = 0) -> None:
@@ -75,12 +75,12 @@ class _Tracker:
         self._stamp_s = 0.0
 
     def add(self, frame: TrackFrame, last: bool) -> None:
-        """Tie a frame to the last keyframe, or make it one; the `last` one becomes one in any case."""
+        """Link a frame to the last keyframe, or make it a keyframe; the `last` one becomes one in any case."""
         link, enough = self._linked(frame, self._key) if self._key else (None, False)
         if self._key and link:
             self._part.set(frame.number, TrackStatus.FOLLOWED)
             self._part.link(frame.number, self._key.frame.number, link)
-            # A surface tells too little of one frame's step to say how the motion goes on.
+            # The motion from a surface is too inaccurate to be extrapolated.
             self._step_s = 0.0 if link.by_surface else abs(frame.stamp_s - self._stamp_s)
             self._step = link.T_cam_key @ se3.inverse(self._T_cam_key)
             self._T_cam_key = link.T_cam_key
@@ -95,7 +95,7 @@ class _Tracker:
             self._observe(frame)
 
     def _linked(self, frame: TrackFrame, key: _Key) -> tuple[Link | None, bool]:
-        """The motion since the keyframe, None where nothing tells it; and whether the keyframe will do for the next."""
+        """The motion since the keyframe, None if it is unknown; and whether the keyframe also serves the next frame."""
         predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
         link = self._by_points(frame, key, predicted)
         enough = link is not None and len(self._px) >= self._settings.min_followed * key.count
@@ -106,11 +106,11 @@ class _Tracker:
         other, still_seen = self._by_surface(frame, key, link.T_cam_key if link else predicted)
         if link and not (other and openness(other.information) < openness(link.information)):
             return link, enough
-        # A keyframe that had points is done with when they are lost, whatever depth still sees of it.
+        # A keyframe whose points are lost is replaced, even if depth still overlaps with it.
         return other, enough or (still_seen and key.count < FEW_POINTS)
 
     def _by_points(self, frame: TrackFrame, key: _Key, predicted: Floats) -> Link | None:
-        """Follow the points of the keyframe into this image; what is left of them moves together."""
+        """Track the points of the keyframe into this image; those that move together are kept."""
         self._found = False
         if len(key.px) < MIN_POINTS:
             return None
@@ -136,7 +136,7 @@ class _Tracker:
     def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
         """The motion by depth and brightness, and whether the next frame can be compared with the same keyframe.
 
-        None where these do not fit, or leave a direction open: a gap is not bridged by a guess.
+        None if these do not fit, or do not determine all directions: the motion is never guessed.
         """
         key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
         motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
@@ -146,13 +146,13 @@ class _Tracker:
         information = _with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s))
         if openness(information) > 1:
             return None, False
-        # Where there are points again, they are followed from here on.
+        # If there are points again, they are tracked from here on.
         textured = len(new_corners(frame.gray, NO_POINTS, FEW_POINTS, frame.scan.depth_m > 0)) == FEW_POINTS
         link = Link(motion.T_cam_key, information, motion.cells // CELLS_A_POINT, True)
         return link, motion.overlap > MIN_SURFACE and not textured
 
     def _predicted(self, elapsed_s: float) -> Floats:
-        """T_cam_key (4, 4) of the next frame if the camera goes on as it moved last."""
+        """T_cam_key (4, 4) of the next frame at constant velocity."""
         if not 0 < self._step_s <= MAX_PREDICTED_S or not 0 < elapsed_s <= MAX_PREDICTED_S:
             return self._T_cam_key
         ratio = elapsed_s / self._step_s
@@ -160,7 +160,7 @@ class _Tracker:
         return se3.pose(se3.exp_so3(ratio * turn), ratio * move) @ self._T_cam_key
 
     def _guess(self, key: _Key, T_cam_key: Floats) -> Floats32:
-        """Where the key's points must be seen (n, 2) px; those without depth move like the others."""
+        """Predicted pixels (n, 2) of the key's points; those without depth move like the others."""
         p_cam = se3.transform(T_cam_key, np.nan_to_num(key.p_key, nan=1.0))
         ahead = np.isfinite(key.p_key[:, 2]) & (p_cam[:, 2] > 0.1)
         guess = self._px.astype(float)
@@ -173,7 +173,7 @@ class _Tracker:
         return guess.astype(np.float32)
 
     def _make_key(self, frame: TrackFrame) -> None:
-        """What is left of the points goes on from this frame, and new ones are added."""
+        """Continue the remaining points from this frame, and add new ones."""
         if not self._found:
             self._px, self._track, self._found = self._px[:0], self._track[:0], True
         allowed = frame.scan.depth_m > 0
@@ -200,7 +200,7 @@ class _Tracker:
 def _with_lag(information: Floats, step: Floats, elapsed_s: float) -> Floats:
     """The information (6, 6) of a motion by depth, where the depth image was taken up to LAG_S from its colour image.
 
-    step (4, 4): how the camera moved in the last `elapsed_s` seconds, and goes on moving.
+    step (4, 4): motion of the camera in the last `elapsed_s` seconds; the velocity is assumed constant.
     """
     moved = np.linalg.norm([se3.log_so3(step[:3, :3]), step[:3, 3]], axis=1) * LAG_S / max(elapsed_s, LAG_S)
     late = np.repeat(moved**2, 3) + 1e-12
@@ -208,6 +208,6 @@ def _with_lag(information: Floats, step: Floats, elapsed_s: float) -> Floats:
 
 
 def _on_outline(scan: Scan, px: Floats32, depth: Depth) -> Bools:
-    """Whether corners (n, 2) lie where one thing ends before another: they are no points of either."""
+    """Whether (n,) corners (n, 2) lie at an outline, where they are not points of a surface."""
     place, radius_px = px.astype(float), np.full(len(px), OUTLINE_PX, np.float32)
     return on_outline(scan.depth_m, place, radius_px, depth_at(scan.depth_m, place, depth))

@@ -1,4 +1,4 @@
-"""The pose of a frame from points whose places in an earlier frame are known: pixels and depths, robustly."""
+"""The robust pose of a frame from the pixels and depths of points that are known in an earlier frame."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from miniloop_cli.typing import Bools, Floats
 
 SIGMA_PX, DEPTH_SIGMA_FACTOR = 1.0, 2.0
 STEPS = 10
-SCALES_PX = (2.0, 8.0)  # of the kernel, least and most: rolling shutter leaves residuals of some pixels in fast motion
-FAR = 3.0  # times the scale: another motion, or another point
-MIN_POINTS, MIN_SHARE = 12, 0.3  # that agree, of those seen: with fewer there is no motion of the whole
+SCALES_PX = (2.0, 8.0)  # of the kernel, least and most; rolling shutter causes residuals of some pixels in fast motion
+FAR = 3.0  # times the scale: larger residuals are outliers
+MIN_POINTS, MIN_SHARE = 12, 0.3  # of seen points that must agree
 SETTLED = 1e-5  # rad, m
 NEAR_M = 0.05
 
@@ -41,7 +41,7 @@ def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats
         return None
     lens = (camera.fx, camera.fy, camera.cx, camera.cy)
     sigma_z_m = DEPTH_SIGMA_FACTOR * camera.noise.sigma_m(np.nan_to_num(z_m, nan=1.0))
-    T, scale = T_cam_key.copy(), np.inf  # the first step is that of least squares: the start may be far off
+    T, scale = T_cam_key.copy(), np.inf  # the first step is plain least squares, as the start may be far off
     for _ in range(STEPS):
         H, g, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
         seen = np.isfinite(size)

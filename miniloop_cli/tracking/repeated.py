@@ -1,4 +1,4 @@
-"""Repeated images: a recorder stored an image again in place of a new one, so its stamp is wrong."""
+"""Repeated images: a recorder stored an image again instead of a new one, so its stamp is wrong."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.scene.tracked import Repeat, Tracked
 from miniloop_cli.typing import Bools
 
-MANY = 0.05  # of all frames: with more, the stamps of the recording do not hold
+MANY = 0.05  # of all frames: with more, the stamps of the recording are not reliable
 
 
 def notes_on_repeats(tracked: Tracked) -> list[Note]:
-    """What is said of frames whose images repeat those before them."""
+    """Notes on frames whose images repeat those before them."""
     color, depth, notes = tracked.repeat == Repeat.COLOR, tracked.repeat == Repeat.DEPTH, []
     if color.any():
         text = f"{_which(color)} the colour image before: the poses are those of that image, not of the time stamps"

@@ -1,7 +1,7 @@
-"""The motion between two frames by their depth images and brightness: where no point can be followed.
+"""The motion between two frames from depth and brightness, for frames without tracked points.
 
-Depth is compared point to plane (Chen & Medioni 1992), brightness as it is (Steinbruecker, Sturm & Cremers 2011), both
-on a small ideal image. A wall leaves two translations and a turn open: the information says so.
+Depth is compared point to plane (Chen & Medioni 1992), brightness directly (Steinbruecker, Sturm & Cremers 2011), both
+on a small ideal image. A wall does not determine two translations and a rotation; the information shows it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes, Floats, Floats32
 
 COLUMNS = 160
-SMOOTH, NORMAL_STEP = 2, 4  # cells to each side: over which points are averaged, and compared for their normal
-MAX_SLOPE, MIN_VALID = 0.2, 0.7  # within a surface, depth differs by this share of it at most; readings there must be
+SMOOTH, NORMAL_STEP = 2, 4  # cells to each side: for the mean of points, and for the differences that give normals
+MAX_SLOPE, MIN_VALID = 0.2, 0.7  # largest relative change of depth within a surface; smallest share of readings there
 STEPS = 20
 DEPTH_SIGMA_FACTOR, SIGMA_GRAY = 2.0, 8.0
 CAUCHY2 = 4.0  # squared scale of the kernels, in sigmas
-MAX_JUMP_SHARE, MAX_JUMP_M = 0.03, 0.06  # of depth: farther apart, two cells are not of one surface
-SHARED_CELLS = 20.0  # neighbouring cells share their errors: so many count as one
+MAX_JUMP_SHARE, MAX_JUMP_M = 0.03, 0.06  # of depth: with more, two cells are not of one surface
+SHARED_CELLS = 20.0  # so many neighbouring cells count as one, as they share their errors
 PRIOR_RAD, PRIOR_M = 0.04, 0.04  # standard deviations of the predicted motion
-MAX_PRIOR_CHI2 = 16.0  # farther from it a motion is not believed
+MAX_PRIOR_CHI2 = 16.0  # motions farther from it are rejected
 MIN_OVERLAP, MIN_FITTING = 0.3, 0.6  # of the cells with depth; and of those compared, within three sigmas
-MAX_SIGMA_RAD, MAX_SIGMA_M = 0.015, 0.02  # a direction known less well is open
-LEAST_SHARE = 0.004  # of the best known direction's information: less is the noise of normals
+MAX_SIGMA_RAD, MAX_SIGMA_M = 0.015, 0.02  # a less certain direction is undetermined
+LEAST_SHARE = 0.004  # of the best direction's information: less comes from the noise of normals
 SETTLED = 1e-5
 
 
@@ -61,7 +61,7 @@ class SurfaceMotion(NamedTuple):
 
 @cache
 def _grid(camera: Camera) -> tuple[Floats32, Floats32, tuple[float, float, float, float]]:
-    """Where the cells of the ideal grid lie in the measured image, x and y (h, w); and the grid's own lens."""
+    """Positions x and y (h, w) of the cells of the ideal grid in the measured image; and the grid's own lens."""
     scale = COLUMNS / camera.width
     rows = round(camera.height * scale)
     v, u = np.mgrid[0:rows, 0:COLUMNS]
@@ -89,7 +89,7 @@ def make_surface(scan: Scan, gray: Bytes, camera: Camera, depth: Depth) -> Surfa
 def _normals(points: Floats) -> Floats:
     """Unit normals (h, w, 3) by differences across cells of smoothed surfaces; NaN at their edges.
 
-    The noise of normals must be small: it would seem to hold directions that the surface leaves open.
+    Noise of the normals would add false information in directions that the surface does not determine.
     """
     import cv2
 
@@ -112,7 +112,7 @@ def _normals(points: Floats) -> Floats:
 
 
 def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMotion | None:
-    """The motion between two surfaces, sought near T_cam_key (4, 4); None where they do not fit each other."""
+    """The motion between two surfaces, by a search near T_cam_key (4, 4); None if they do not fit each other."""
     prior = np.diag([PRIOR_RAD**-2.0] * 3 + [PRIOR_M**-2.0] * 3)
     T, moved = se3.inverse(T_cam_key), np.zeros(6)
     offset = 0.0
@@ -141,9 +141,9 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
 
 
 def openness(information: Floats) -> float:
-    """The largest standard deviation of a direction by the information (6, 6), as a share of what is believed.
+    """Largest standard deviation of a direction by the information (6, 6), as a share of the largest accepted one.
 
-    Infinite where a direction has next to none of what the others have.
+    Infinite if a direction has less than LEAST_SHARE of the information of the best one.
     """
     believed = np.array([MAX_SIGMA_RAD] * 3 + [MAX_SIGMA_M] * 3)
     known = np.linalg.eigvalsh(believed[:, None] * information * believed)

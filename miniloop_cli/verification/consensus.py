@@ -1,8 +1,8 @@
 """Averaging and judging edges in turn, until the edges and the poses agree.
 
-Inliers alone do not make an edge true: places look alike, patterns repeat, things move. So edges are checked three
-times: by what else their scans show, before averaging; by what all edges agree on, in averaging; and by what the scans
-show that came to lie over each other, afterwards.
+An edge with many inliers can be false: places look alike, patterns repeat, things move. Edges are therefore checked
+three times. Before averaging, the images and depths of their scans are compared. In averaging, each edge is compared
+with all others. After averaging, scans that now overlap are compared with each other.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_ROUNDS = 5
 
 
 class Stable(NamedTuple):
-    """Poses, the judged edges they rest on, and the scans (n,) of components that are not one world."""
+    """Poses, the judged edges that they come from, and the scans (n,) of components that show no consistent scene."""
 
     poses: Poses
     edges: EdgeTable
@@ -39,10 +39,10 @@ class Stable(NamedTuple):
 def average_verified(
     edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None = None
 ) -> tuple[Poses, EdgeTable]:
-    """Poses of all scans by motion averaging, and the edges, those found false rejected with the reason.
+    """Poses of all scans by motion averaging, and the edges; false ones are rejected with the reason.
 
-    Edges that close no triangles do not take part at first. Those that agree with the result of the others, or join
-    what the others leave apart, come back; not those of scans that follow what moves.
+    Edges that close no triangles do not take part at first. They return if they agree with the result of the others, or
+    join components of it, unless they belong to scans that follow a moving object.
     """
     photometric = photometric if settings.min_photo_consistency > 0 else None
     if photometric:
@@ -63,7 +63,7 @@ def average_verified(
 def average_until_stable(
     edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None
 ) -> Stable:
-    """Average and reject what contradicts the poses, until nothing is rejected, at most MAX_ROUNDS times."""
+    """Average and reject edges that contradict the poses, until none is rejected, at most MAX_ROUNDS times."""
     moving = np.zeros(count, bool)
     for _ in range(MAX_ROUNDS):
         edges = reject_unsupported_bridges(edges, count, settings.min_bridge_inliers)

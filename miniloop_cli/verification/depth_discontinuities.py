@@ -1,8 +1,8 @@
-"""Scans that match others at depth discontinuities only: things before a wall, where no surface has any texture.
+"""Scans that match others at depth discontinuities only, as with objects before a wall and no texture anywhere.
 
-What is seen where one thing ends before another lies on either of both, and elsewhere on them when seen from
-elsewhere. A few such matches among many do little harm. Where there is little else, they agree well enough to pass for
-an overlap, and its pose is centimetres off.
+A feature at the outline of an object has the depth of either surface, and its position on the surfaces changes with the
+viewpoint. A few such matches among many do little harm. Alone, they can agree well enough for an edge whose pose is
+wrong by centimetres.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ MIN_OTHER_MATCHES = 20  # other matches in one overlap: then discontinuities do 
 
 
 def share_on_discontinuities(edges: EdgeTable, outline: Sequence[Bools]) -> Floats:
-    """(n,) share of a scan's inliers that lie where depth jumps, for the scans that these edges place by them; else 0.
+    """(n,) share of a scan's inliers that lie at depth jumps, for scans whose edges depend on them; else 0.
 
-    `outline`: of each scan's features, whether depth jumps there.
+    `outline`: whether depth jumps at each feature, of each scan.
     """
     total, jumps, others = np.zeros((3, len(outline)), np.int64)
     for edge, pair in enumerate(edges.pairs):

@@ -1,4 +1,4 @@
-"""Which edges are believed: by what their scans show, by the loops they close, and by the poses of all scans."""
+"""Checks that accept or reject edges: by images and depths, by the loops they close, by the poses of all scans."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from miniloop_cli.verification.depth_discontinuities import share_on_discontinui
 from miniloop_cli.verification.photometric_check import PhotometricCheck, agreement_ratio
 from miniloop_cli.verification.triangles import doubtful
 
-# Share of all that the scans of a component see twice that must look alike: else it is not one world. Sound recordings
-# have 0.91 and more, poses that follow a walking person 0.44 to 0.78.
+# Smallest share of agreeing cells among all that the scans of a component see twice; with less, it shows no consistent
+# scene. Correct poses give 0.91 and more, poses that follow a walking person 0.44 to 0.78.
 MIN_WORLD = 0.75
 
 
@@ -32,7 +32,7 @@ def reject_unsupported_bridges(edges: EdgeTable, count: int, least: int) -> Edge
 
 
 def check_scans(edges: EdgeTable, photometric: PhotometricCheck, min_photo_consistency: float) -> EdgeTable:
-    """Reject edges that what their scans show speaks against, and those that it cannot confirm."""
+    """Reject edges that the images and depths of their scans contradict or cannot confirm."""
     rows_open = np.flatnonzero(edges.open)
     ratio = np.ones(len(edges))
     ratio[rows_open] = agreement_ratio(photometric.votes(edges.pairs[rows_open], edges.T_j_i[rows_open]))
@@ -59,11 +59,11 @@ def reject_unclosed(edges: EdgeTable, count: int, settings: Averaging) -> EdgeTa
 def check_components(
     edges: EdgeTable, poses: Poses, photometric: PhotometricCheck, min_photo_consistency: float, moving: Bools
 ) -> tuple[EdgeTable, Bools]:
-    """Reject edges of scans that, by their poses, lie over others that look different; return what moves, too.
+    """Reject edges of scans that look different from others which they overlap by their poses; return moving scans.
 
-    If that is true of a whole component, its edges follow something that moves, or a pattern, and its scans join the
-    `moving` ones (n,). If it is true of a scan, the edges of this scan are wrong. If most scans move, none is believed:
-    the few others may follow what moves, too.
+    If a whole component looks different, its edges follow a moving object or a pattern, and its scans join the `moving`
+    ones (n,). If one scan looks different, its edges are wrong. If most scans are moving, no edge is accepted, as the
+    remaining scans may follow a moving object as well.
     """
     count = len(poses.component)
     why, detail, moving = np.zeros(count, np.int64), np.zeros((count, 2)), moving.copy()

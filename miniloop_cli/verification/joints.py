@@ -1,8 +1,8 @@
-"""What speaks against how recordings were joined: what both show, other places for a whole one, steps that bend.
+"""Checks of joined recordings: their common views, other poses for a whole recording, and steps that bend.
 
-Each recording was registered by itself, and is taken for one rigid body here. Edges to the others say where it stands.
-Places that look alike can join recordings of different rooms, and no loop through time contradicts that: only what
-both show where they overlap, and edges that say that the body stands elsewhere.
+Each recording was registered by itself, and is treated as one rigid body here, which edges join to the others. Places
+that look alike can join recordings of different rooms, and no loop through time contradicts that. Only the views where
+they overlap, and edges that place the body elsewhere, can contradict it.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from miniloop_cli.typing import Floats, Ints, Pair
 from miniloop_cli.verification.photometric_check import PhotometricCheck
 from miniloop_cli.verification.second_best import Elsewhere, placements_elsewhere
 
-SIMILAR_DEG = 30.0  # from more different sides even one place looks different: other surfaces, other light
-MIN_PAIRS = 5  # of scans, to say anything of two bodies
+SIMILAR_DEG = 30.0  # from more different directions, even the same place looks different
+MIN_PAIRS = 5  # of scans, needed to compare two bodies
 
 
 def votes_of_joints(T_world_cam: Floats, scans: Ints, body: Ints, photometric: PhotometricCheck) -> Mapping[Pair, Ints]:
-    """Cells (2,) of the pictures of two bodies that agree and that disagree, by their poses; a < b.
+    """Numbers (2,) of cells that agree and that disagree between two bodies, by their poses; a < b.
 
-    T_world_cam (n, 4, 4) and body (n,) of all scans; compared are the `scans`, which lie in one world, where they look
-    in similar directions. Bodies of which fewer than MIN_PAIRS do are left out.
+    T_world_cam (n, 4, 4) and body (n,) of all scans. The `scans`, all of one world, are compared in pairs that look in
+    similar directions. Bodies with fewer than MIN_PAIRS such pairs are left out.
     """
     pairs, T_j_i = photometric.neighbours(T_world_cam, scans, body)
     similar = se3.rotation_angle_deg(T_j_i[:, :3, :3]) < SIMILAR_DEG
@@ -42,10 +42,10 @@ def votes_of_joints(T_world_cam: Floats, scans: Ints, body: Ints, photometric: P
 def bodies_elsewhere(
     T_world_cam: Floats, body: Ints, here: EdgeTable, others: EdgeTable, settings: Averaging
 ) -> list[Elsewhere]:
-    """Bodies that could stand elsewhere with nearly as much support; their numbers are the `scans` of what is found.
+    """Bodies with another pose of nearly as much support; the `scans` of the results are numbers of bodies.
 
-    T_world_cam (n, 4, 4) and body (n,) of all scans, `here`: edges between bodies that agree with the poses, `others`:
-    that contradict them, all of one world.
+    T_world_cam (n, 4, 4) and body (n,) of all scans; `here`: edges between bodies that agree with the poses; `others`:
+    those that contradict them; all of one world.
     """
     if not len(others):
         return []
@@ -74,10 +74,10 @@ class Bend:
 
 
 def bends(T_world_cam: Floats, T_own: Floats, body: Ints, settings: Averaging) -> dict[int, Bend]:
-    """Of each body that is not as it was by itself, the worst step between its successive scans.
+    """The worst step between successive scans, for each body whose shape changed when it was joined.
 
-    T_world_cam (n, 4, 4) as joined, T_own (n, 4, 4) each body in a world of its own, body (n,). Steps may change by
-    what edges may be off.
+    T_world_cam (n, 4, 4) as joined, T_own (n, 4, 4) with each body in its own world, body (n,). Steps may change by the
+    largest residual of an edge.
     """
     found = dict[int, Bend]()
     a = np.flatnonzero(body[:-1] == body[1:])

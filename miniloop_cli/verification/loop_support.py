@@ -1,8 +1,8 @@
-"""Edges that were not verified, tried again in loops over edges that were.
+"""Unverified edges, solved again in loops over verified ones.
 
-Two verified edges i-k and k-j say where scan j stands seen from scan i, whatever the few matches of the edge i-j are.
-Such predictions over different scans k share no match: if most of them agree, they are evidence, and the matches of
-the edge itself only have to confirm them. The edge's own pose comes from the joint estimate of one such loop.
+Two verified edges i-k and k-j predict the pose of scan j relative to scan i without the matches of the edge i-j.
+Predictions over different scans k share no match, so if most of them agree they are evidence, and the matches of the
+edge itself only have to confirm them. The pose of the edge comes from the joint estimate of one such loop.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from miniloop_cli.typing import Bools, Floats, Pair
 if TYPE_CHECKING:
     import networkx as nx
 
-LOOPS = 6  # loops over verified edges that are asked, the strongest first
+LOOPS = 6  # loops over verified edges that are used, the strongest first
 AGREE_DEG, AGREE_M = 5.0, 0.10
 
 
@@ -35,7 +35,7 @@ class Prediction:
 
     @property
     def credible(self) -> bool:
-        """At least one other loop says the same, and at least half of them."""
+        """Whether at least one other loop, and at least half of them, agree."""
         return self.agree >= 1 and 2 * self.agree >= self.others
 
 
@@ -49,7 +49,7 @@ def pose_graph(edges: Iterable[tuple[int, int, Floats, int]]) -> nx.Graph:
 
 
 def predict(graph: nx.Graph, pair: Pair) -> Prediction | None:
-    """Where verified edges put scan j seen from scan i; None where no scan has verified edges to both."""
+    """The pose of scan j relative to scan i by verified edges; None if no scan has verified edges to both."""
     i, j = pair
     if i not in graph or j not in graph:
         return None

@@ -1,8 +1,8 @@
-"""Do two scans look alike where a relative pose lays them over each other?
+"""Comparison of the small views of two scans that overlap under a relative pose.
 
-A relative pose can be supported by many matches and yet be wrong: a place that looks similar, a poster hung twice,
-somebody who walks through the view. Then the rest of the two scans speaks against it: what one saw stands in the way
-of what the other saw behind it, or the two surfaces coincide and look different.
+A relative pose can be wrong although many matches support it: a place looks similar, a poster hangs twice, somebody
+walks through the view. Then the rest of the two scans contradicts it: a surface of one scan is in front of what the
+other saw behind it, or two surfaces coincide and look different.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from miniloop_cli.typing import Floats, Floats32
 
 BLOCK = 8  # cells along a block, in which brightness is compared
 MIN_CELLS = 12  # that a block needs for that
-MIN_DEVIATION = 4.0  # grey levels; plainer blocks say nothing
+MIN_DEVIATION = 4.0  # grey levels; plainer blocks are not compared
 ALIKE = 0.5  # correlation of blocks that show the same
-SLACK_M, SLACK = 0.03, 0.03  # by which depths may differ: metres, and share of the depth
+SLACK_M, SLACK = 0.03, 0.03  # allowed difference of depths: metres, and share of the depth
 
 
 def compare_views(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Camera) -> list[tuple[int, int]]:
-    """Of each pair of views (i, j): cells of both that speak for and against its T_j_i (m, 4, 4); see `_compare`."""
+    """Numbers of cells for and against T_j_i (m, 4, 4) of each pair of views (i, j), both ways; see `_compare`."""
     lens = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) * (COLUMNS / camera.width)
     found = []
     for (a, b), there, back in zip(views, T_j_i, se3.inverse(T_j_i), strict=True):
@@ -40,12 +40,13 @@ def compare_views(views: Iterable[tuple[View, View]], T_j_i: Floats, camera: Cam
 def _compare(
     gray_i: Floats32, z_i: Floats32, gray_j: Floats32, low_j: Floats32, high_j: Floats32, T_j_i: Floats, lens: Floats
 ) -> tuple[int, int]:
-    """Cells of view i that speak for and against T_j_i; lens: fx fy cx cy in cells, cell centres at k + 0.5.
+    """Numbers of cells of view i for and against T_j_i; lens: fx fy cx cy in cells, cell centres at k + 0.5.
 
-    A cell that comes to lie before what j saw there speaks against: j saw through it. One that comes to lie behind
-    says nothing, nor does one whose other side j sees: a wall has two. Those that coincide with a surface of j are
-    compared block by block: for, where brightness correlates; against, where it does not; nothing, where a block is
-    plain in either view.
+    A cell in front of the surface that j saw counts against, as j saw through it. A cell behind it does not count, nor
+    does a cell whose back j sees, as walls have two sides. Cells that coincide with a surface of j are compared block
+    by
+    block: they count for if brightness correlates, against if it does not, and not at all if the block is plain in
+    either view.
     """
     rows, columns = gray_i.shape
     across = (columns + BLOCK - 1) // BLOCK
@@ -104,10 +105,10 @@ def _compare(
 
 @njit(cache=True, nogil=True)
 def _from_behind(z_i: Floats32, x: int, y: int, T_j_i: Floats, lens: Floats) -> bool:
-    """Whether view j looks at the back of the surface that view i sees in cell (x, y), by the cells right and below."""
+    """Whether view j sees the back of the surface in cell (x, y) of view i; its normal is from two neighbours."""
     z = float(z_i[y, x])
     a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
-    n0, n1, n2 = a, b, 1.0  # away from i: along the ray, where the neighbours do not tell the normal
+    n0, n1, n2 = a, b, 1.0  # away from i; along the ray if the neighbours do not give a normal
     if x + 1 < z_i.shape[1] and y + 1 < z_i.shape[0]:
         right, below = float(z_i[y, x + 1]), float(z_i[y + 1, x])
         if max(abs(right - z), abs(below - z)) < SLACK_M + SLACK * z and min(right, below) > 0:

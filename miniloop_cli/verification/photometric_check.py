@@ -1,4 +1,4 @@
-"""Whether two scans look alike where a relative pose lays them over each other: votes of their cells."""
+"""The photometric check: votes of the cells of two scans for and against a relative pose."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from miniloop_cli.typing import Bools, Floats, Ints
 from miniloop_cli.verification.photometric import compare_views
 
 COMPARED_PARTNERS = 5  # scans that each scan of a result is compared with
-PRIOR_CELLS = 10  # cells that count as agreeing before any is seen: without cells nothing is decided
+PRIOR_CELLS = 10  # cells that count as agreeing in advance, so that few cells do not decide
 
 
 @dataclass(frozen=True)
 class PhotometricCheck:
-    """What n scans show beside their matches.
+    """Views and properties of n scans that are independent of their matches.
 
-    `views`: small pictures, None of scans that could not be read; `outline`: which features of each scan lie where
-    depth jumps; `step_m` (n,): step of the pattern of scans that repeat themselves, 0 of others.
+    `views`: small images with depth, None for unreadable scans; `outline`: which features of each scan lie at depth
+    jumps; `step_m` (n,): period of the pattern of scans that show one, else 0.
     """
 
     views: Sequence[View | None]
@@ -32,7 +32,7 @@ class PhotometricCheck:
     outline: Sequence[Bools]
     step_m: Sequence[float] | Floats
     camera: Camera
-    _known: dict[bytes, tuple[int, int]] = field(default_factory=dict, repr=False)  # votes of earlier questions
+    _known: dict[bytes, tuple[int, int]] = field(default_factory=dict, repr=False)  # earlier results
 
     def votes(self, pairs: Ints, T_j_i: Floats) -> Ints:
         """(m, 2) cells that agree and that disagree with relative poses (m, 4, 4) of pairs (m, 2); 0 without views."""
@@ -58,5 +58,5 @@ class PhotometricCheck:
 
 
 def agreement_ratio(votes: Ints) -> Floats:
-    """(..., 2) cells that agree and disagree to the share (...) that agrees, PRIOR_CELLS among them."""
+    """Share (...) of agreeing cells, from numbers (..., 2) that agree and disagree; PRIOR_CELLS more agree."""
     return (votes[..., 0] + PRIOR_CELLS) / (votes.sum(axis=-1) + PRIOR_CELLS)

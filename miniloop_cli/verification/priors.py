@@ -1,4 +1,4 @@
-"""Edges judged by what is known of the frames beside their images."""
+"""Edges judged by priors: gravity and rough poses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def apply_priors(
     seed: int,
     workers: Workers,
 ) -> tuple[EdgeTable, Vertical | None, tuple[Note, ...]]:
-    """The edges after gravity and a pose prior, where they were given; the vertical; and what is to be said of it.
+    """The edges after gravity and a pose prior, if these are given; the vertical; and notes.
 
     Raises InputError for an accelerometer or for a pose prior that most edges contradict.
     """

@@ -1,8 +1,8 @@
 """Scans that repeat themselves: tiles, wallpaper, rows of equal windows.
 
-Where most of what a scan shows is there several times, its matches tell that another scan shows the same pattern, not
-which part of it. Such a scan fits itself under a motion: most of its features have doubles in the same image, and many
-of these lie apart by one rigid motion, a step of the pattern.
+If a scan shows a repeated pattern, its matches identify the pattern in another scan, but not which part of it. Such a
+scan fits itself under a motion: most of its features have doubles in the same image, and many doubles are related by
+one rigid motion, a period of the pattern.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.scan_set import ScanSet
 
-COUNT = 500  # strongest features that are looked at
-APART = 0.04  # of the width of the image: doubles, not one feature found twice
+COUNT = 500  # strongest features that are compared
+APART = 0.04  # of the width of the image: nearer doubles may be one feature detected twice
 DOUBLE = 0.12  # squared descriptor distance (see `compact`) of doubles: nearer than most true matches
-MIN_DOUBLES = 0.33  # share of the features that have one; the fit below tells patterns from lookalikes
-MIN_FIT, MIN_INLIERS = 0.06, 12  # of them under one motion, as a share of the features and in number
+MIN_DOUBLES = 0.33  # share of the features that have one; MIN_FIT then distinguishes patterns from chance
+MIN_FIT, MIN_INLIERS = 0.06, 12  # of the doubles under one motion, as a share of the features and in number
 
 
 def pattern_steps_m(scans: ScanSet, ransac: Ransac, chi2: float, workers: Workers) -> list[float]:
@@ -39,7 +39,7 @@ def pattern_steps_m(scans: ScanSet, ransac: Ransac, chi2: float, workers: Worker
 def pattern_step_m(
     features: ScanFeatures, points: ScanPoints, width_px: int, feature_type: str, ransac: Ransac, chi2: float
 ) -> float:
-    """How far the scan must be moved to fit itself (m); 0 if it does not repeat."""
+    """Shortest distance (m) by which the scan can move and fit itself; 0 if it does not repeat."""
     count = min(features.with_depth, COUNT)
     if count < MIN_INLIERS:
         return 0.0

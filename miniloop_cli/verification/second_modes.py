@@ -1,7 +1,7 @@
-"""The best hypothesis about a pair that differs from the one that was chosen: the second mode of its matches.
+"""The second mode of the matches of a pair: the best hypothesis that differs from the chosen one.
 
-Where a thing stands twice, or looks the same from two sides, the matches of a pair fall into two sets, each of which
-agrees on a motion of its own. The estimator keeps the larger one; the other is found among the matches that are left.
+If an object is present twice, or looks the same from two sides, the matches of a pair form two sets with different
+motions. The estimator keeps the larger set; the other is found among the remaining matches.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Floats
 
-NEARLY = 0.5  # of the support of the best hypothesis: nearly as well
+NEARLY = 0.5  # of the support of the best hypothesis
 
 
 def second_modes(
@@ -33,9 +33,9 @@ def second_modes(
     seed: int,
     workers: Workers,
 ) -> EdgeTable:
-    """Of each edge that has one, its second mode: another motion, with NEARLY as many inliers among the other matches.
+    """The second modes of edges: another motion with at least NEARLY times as many inliers, among the other matches.
 
-    Each draws from its own generator, seeded by its scans.
+    Each edge has its own generator, seeded by its scans.
     """
     left, inliers = edges.match_count - (edges.inlier_count - edges.followed), edges.inlier_count
     least = np.maximum(NEARLY * inliers, settings.verification.min_inliers)
@@ -59,6 +59,6 @@ def second_modes(
 
 
 def differ(T_a: Floats, T_b: Floats, settings: Averaging) -> bool:
-    """Whether two relative poses (4, 4) are farther apart than edges may be from poses."""
+    """Whether two relative poses (4, 4) differ by more than the largest residual of an edge."""
     angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_a) @ T_b)
     return bool(angle_deg > settings.max_residual_deg or distance_m > settings.max_residual_m)

@@ -1,7 +1,7 @@
-"""Triangles of edges: which edges close them, and which close hardly any.
+"""Triangles of edges: which edges close them, and which close few or none.
 
-A true edge closes the triangles whose other two edges are true as well; a false one closes next to none. Local, and
-so without drift: what is asked of an edge does not depend on the size of the graph.
+A true edge closes the triangles whose other two edges are true; a false one closes nearly none. The check is local and
+therefore free of drift; it does not depend on the size of the graph.
 """
 
 from __future__ import annotations
@@ -14,19 +14,17 @@ from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Bools, Floats, Ints
 
-MAX_TRIANGLES = 64  # triangles of an edge that are looked at
+MAX_TRIANGLES = 64  # triangles of an edge that are checked
 MIN_CLOSED_TRIANGLES = 2  # triangles that make an edge sure, and sure edges that make a scan's others dispensable
-CHANCE_RATIO = (
-    6  # one triangle in so many closes by chance; of true edges one in four while half of all edges are false
-)
+CHANCE_RATIO = 6  # one triangle in so many closes by chance; for true edges one in four, with half of all edges false
 ROUNDS = 8
 
 
 def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
     """Edges (m,) bool that close none or few of their triangles, between scans that have sure edges.
 
-    Rows (m, 7) and `near` as in voting.py; pairs (m, 2) all different. What is doubted takes its triangles with it,
-    so that this is repeated. Edges that lie on fewer than MIN_CLOSED_TRIANGLES triangles are not doubted.
+    Rows (m, 7) and `near` as in voting.py; pairs (m, 2) all different. Doubtful edges are removed with their triangles,
+    and the check is repeated. Edges that lie on fewer than MIN_CLOSED_TRIANGLES triangles are not doubted.
     """
     out = np.zeros(len(pairs), bool)
     rows = adjacency(count, pairs)
@@ -44,7 +42,7 @@ def doubtful(count: int, pairs: Ints, T_j_i: Floats, near: Near) -> Bools:
 def _triangles(
     pairs: Ints, T_j_i: Floats, start: Ints, neighbour: Ints, edge: Ints, out: Bools, near: Near
 ) -> tuple[Ints, Ints]:
-    """Of every edge (m,): triangles that close, and triangles there are, of those without an edge that is out."""
+    """Numbers of closed triangles and of all triangles of every edge (m,), without those that have a removed edge."""
     closed, asked = np.zeros(len(pairs), np.int64), np.zeros(len(pairs), np.int64)
     for e in range(len(pairs)):
         if out[e]:
