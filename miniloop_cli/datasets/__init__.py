@@ -1,4 +1,4 @@
-"""Recordings on disk, whatever their layout: `open_sequence`, then `read_scan` frame by frame."""
+"""Recordings on disk, in any layout: `open_sequence`, then `read_scan` frame by frame."""
 
 from miniloop_cli.datasets.images import ImageFile
 from miniloop_cli.datasets.layout import Layout

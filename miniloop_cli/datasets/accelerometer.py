@@ -16,16 +16,16 @@ from miniloop_cli.scene.priors import Accelerometer
 from miniloop_cli.scene.sequence import Note, NoteKind
 from miniloop_cli.typing import Bools, Floats
 
-WINDOW_S = 0.15  # standard deviation of the low pass: the hand's own accelerations nearly average out
+WINDOW_S = 0.15  # standard deviation of the low pass, over which accelerations of the hand nearly average out
 NEAREST_S = 0.1  # a frame farther from any reading has no vertical
 
 
 def read_accelerometer(path: Path | str, frames_s: Floats) -> tuple[Accelerometer, tuple[Note, ...]]:
     """The readings of a table for frames at times (n,) ascending, and notes on its rows and its stamps.
 
-    Readings are in the file's unit; further columns are ignored. Stamps are in the unit that lays them at the times
-    of the frames. Raises InputError naming file and line for anything that is not four finite numbers, for a file
-    without rows, and where two units fit.
+    Readings are in the file's unit; further columns are ignored. The unit of the stamps is that in which they match the
+    times of the frames. Raises InputError naming file and line for anything that is not four finite numbers, for a
+    file without rows, and if two units match.
     """
     path = Path(path)
     stamps, readings, notes = _rows(path)

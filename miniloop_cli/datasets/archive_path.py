@@ -1,4 +1,4 @@
-"""Paths into an archive: `rec.zip/rgb/1.png` reads as if the archive were a folder, so that every layout opens it."""
+"""Paths into an archive: `rec.zip/rgb/1.png` reads as if the archive were a folder, so every layout can open it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ HIDDEN = ("__MACOSX",)
 class ArchivePath(Base):
     """A file or folder inside an archive: a path with the methods that readers of recordings use.
 
-    It is a plain value (picklable, compared by its text); the archive is kept open by `archives`. What cannot be read
-    raises OSError, as an ordinary path does.
+    It is a plain value (picklable, compared by its text); the archive is kept open by `archives`. Errors of reading are
+    OSErrors, as with ordinary paths.
     """
 
     __slots__ = ()
@@ -70,7 +70,7 @@ class ArchivePath(Base):
         yield from (self / child for child in archive.folders.get(name, ()))
 
     def glob(self, pattern: str, **_: Any) -> Generator[Self, None, None]:
-        """By the names; `**` is not known here."""
+        """By the names; `**` is not supported and raises NotImplementedError."""
         from fnmatch import fnmatchcase
 
         first, _slash, rest = pattern.partition("/")
@@ -99,7 +99,7 @@ class ArchivePath(Base):
 
 
 def archive_of(text: str) -> str:  # of a string: Path.is_file of a path into an archive would ask here again
-    """The path of the archive that a path leads into. Raises FileNotFoundError where no part of it is a file."""
+    """The path of the archive that a path points into. Raises FileNotFoundError if no part of it is a file."""
     return text if os.path.isfile(text) else _archive_of_folder(os.path.dirname(text))  # noqa: PTH113, PTH120
 
 
@@ -129,12 +129,12 @@ def levels(path: Path) -> list[ArchivePath]:
 
 
 def inside(path: Path) -> ArchivePath:
-    """The folder that an archive holds: its top, or the last of the folders that hold one folder only. InputError."""
+    """The recording's folder in an archive: its top, or the last of a chain of single folders. Raises InputError."""
     return levels(path)[-1]
 
 
 def entered(path: Path) -> Path:
-    """The path as one into an archive where it leads into one: the root of a recording that was read from it."""
+    """The path as an ArchivePath if it points into an archive, as the root of a recording in one does."""
     if path.exists():
         return path
     try:
@@ -145,7 +145,7 @@ def entered(path: Path) -> Path:
 
 
 def from_archive(sequence: Sequence, root: ArchivePath) -> Sequence:
-    """A sequence that was read from an archive: its name without the suffix, and what that means, as notes."""
+    """A sequence that was read from an archive: its name without the suffix, with notes on the archive."""
     path = Path(archive_of(os.fspath(root)))
     archive, name = open_archive(path), sequence.name
     if root == path:

@@ -27,7 +27,7 @@ CAMERA_FILES = (
     "transforms*.json",
     "*.pincam",
 )
-OTHERWISE = ("traj", "pose")  # names of these hold no camera
+OTHERWISE = ("traj", "pose")  # files with these names hold no camera
 CONFIDENCE = ("confidence", "conf")
 SHOWN = 3
 
@@ -35,7 +35,7 @@ SHOWN = 3
 def unused_cameras(root: Path, used: str, guessed: bool) -> tuple[Note, ...]:
     """A note on files that look like cameras; `used` is the one that was read, if any.
 
-    Where the camera is `guessed`, the note is one that the user must see.
+    If the camera is `guessed`, the note has a kind that is always shown.
     """
     found = [path for path in sorted(root.iterdir()) if path.name != used and _looks_like_camera(path)]
     if not found:
@@ -60,7 +60,7 @@ def _looks_like_camera(path: Path) -> bool:
 def confidence_maps(
     root: Path, depth: Stream, where: str = ".", unit: Unit | None = None
 ) -> tuple[dict[ImageSource, ImageSource], str, tuple[Note, ...]]:
-    """The confidence images of a folder by the depth images of equal number or time, the folder's name, and notes."""
+    """Confidence images by the depth image of equal number or time, the name of their folder, and notes."""
     folder = next((name for name in CONFIDENCE if (root / where / name).is_dir()), None)
     if folder is None:
         return {}, "", ()
@@ -80,7 +80,7 @@ def _keys(stream: Stream) -> list[float]:
 
 
 def unused_confidence(root: Path) -> tuple[Note, ...]:
-    """A note on a folder of confidence images of a kind that is not known."""
+    """A note on a folder of confidence images of an unsupported kind."""
     folder = next((name for name in CONFIDENCE if (root / name).is_dir()), None)
     if folder is None:
         return ()
@@ -88,7 +88,7 @@ def unused_confidence(root: Path) -> tuple[Note, ...]:
 
 
 def unused_associations(names: list[str]) -> tuple[Note, ...]:
-    """A note on association files where both tables are there."""
+    """A note on association files that are not used, as both tables exist."""
     if not names:
         return ()
     return (Note(NoteKind.UNUSED, f"{shown(names[0])} is not used: rgb.txt and depth.txt name all images"),)

@@ -1,4 +1,4 @@
-"""Damaged data: any error of a library that decodes them becomes one line."""
+"""Damaged data: errors of decoding libraries become one-line messages."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from miniloop_cli.errors import InputError, out_of_memory
 
 @contextmanager
 def damage(words: str | Callable[[Exception], str]) -> Iterator[None]:
-    """Any error inside is an InputError in these `words`, which may depend on the error.
+    """Turn any error inside into an InputError with these `words`, which may depend on the error.
 
-    An InputError keeps its own, and running out of memory is no damage.
+    An InputError keeps its message, and running out of memory is not damage.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Depth images in a unit of their own."""
+"""Depth images with their own units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from miniloop_cli.scene.image_source import ImageHeader, ImageSource
 
 @dataclass(frozen=True)
 class MetricDepth:
-    """A depth image whose numbers are `units_per_m` to the metre, as float32 metres."""
+    """A depth image with `units_per_m` units a metre, as float32 metres."""
 
     depth: ImageSource
     units_per_m: float

@@ -1,4 +1,4 @@
-"""Time stamps or frame numbers from the names of a folder's images, read from the parts that differ."""
+"""Time stamps or frame numbers from the parts that differ between the names of a folder's images."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Keys:
 def keys_of(names: Many[str], unit: Unit | None = None, files: Many[str] = ()) -> Keys:
     """Numbers and times in names without suffixes; only the parts that differ between names are used.
 
-    `unit` is that of whole numbers where a layout states it; `files` are the whole names, for messages. Raises
-    InputError (reason only) where two names have the same key, and where most names have none.
+    `unit` is that of whole numbers, if a layout states it; `files` are the whole names, for messages. Raises InputError
+    (reason only) if two names have the same key, or if most names have none.
     """
     if (dated := _dated(names)) is not None:
         return dated

@@ -14,7 +14,7 @@ from miniloop_cli.datasets.stream import Stream, named_stream
 from miniloop_cli.datasets.tables import read_associations, read_table
 from miniloop_cli.scene.sequence import Note, dropped_images
 
-# Where bare file names of a table are looked for, beside the folder that the table is named after.
+# Further folders for bare file names of a table, besides the folder that the table is named after.
 COLOR_FOLDERS = ("rgb", "color", "colour", "image", "images", "cam0")
 DEPTH_FOLDERS = ("depth", "depths")
 
@@ -22,8 +22,8 @@ DEPTH_FOLDERS = ("depth", "depths")
 def find_frames(root: Path, color: str, depth: str) -> Paired:
     """The frames of `root`, with images in its sub-folders `color` and `depth`.
 
-    An association file pairs them row by row where a table <sub-folder>.txt is missing; else the tables, or the names
-    of the images, say when each was taken. Raises InputError for what cannot be read or paired.
+    An association file pairs them row by row if a table <sub-folder>.txt is missing; else their times come from the
+    tables, or from the names of the images. Raises InputError for images that cannot be read or paired.
     """
     tables = [root / f"{name}.txt" for name in (color, depth)]
     associations = association_files(root)
@@ -46,7 +46,7 @@ def association_files(root: Path) -> list[Path]:
 
 
 def _unnamed(root: Path, streams: tuple[Stream, Stream]) -> Iterator[Note]:
-    """Notes on images that lie beside those of a table, but that no row gives a frame."""
+    """Notes on images in the folders of a table that no row names."""
     named = {source.path for stream in streams for source in stream.sources if isinstance(source, ImageFile)}
     for stream in streams:
         folders = {source.path.parent for source in stream.sources if isinstance(source, ImageFile)}

@@ -1,4 +1,4 @@
-"""Recordings of other tools that no layout reads yet: what each is, and how to convert it."""
+"""Recordings of other tools that no layout reads yet: their names, and how to convert them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ READ_AS_FILES = (
     ".r3d",
 )  # by a layout, if given themselves
 
-# What a folder must hold, and what it then is.
+# The files of a folder, and the kind of recording that they show.
 FOLDERS: tuple[tuple[Collection[str], str], ...] = (
     (("iphone", "dslr"), "a scene of ScanNet++ whose iphone/ lacks rgb.mp4, depth.bin or pose_intrinsic_imu.json"),
     (("mav0",), "a EuRoC recording, which has no depth images"),
@@ -40,7 +40,7 @@ FOLDERS: tuple[tuple[Collection[str], str], ...] = (
 
 
 def what_it_is(root: Path, children: list[Path]) -> str | None:
-    """One line on a known file or folder of another tool, with what to do; None for what is not known."""
+    """One line on a known file or folder of another tool, with what to do; None if it is unknown."""
     if not root.is_dir():
         said = FILES.get(root.suffix.lower())
         return f"{shown(root)} is {said}" if said else None

@@ -1,4 +1,4 @@
-"""Encoded images, looked at before they are decoded: what they are, how large, and whether they are whole."""
+"""Encoded images; format, size and completeness are checked before decoding."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from miniloop_cli.scene.image_source import ImageHeader
 
 MAX_PIXELS = 40_000_000
 MAX_IMAGE_BYTES = 256 << 20
-# How each format begins and how it ends: decoders overlook that the last bytes are missing. WebP states its length.
+# The first and last bytes of each format, as decoders do not notice missing last bytes. WebP states its length.
 FORMATS: dict[bytes, tuple[type[Decoder], bytes]] = {
     b"\x89PNG\r\n\x1a\n": (PngImageFile, b"IEND\xaeB`\x82"),
     b"\xff\xd8\xff": (JpegImageFile, b"\xff\xd9"),
@@ -37,13 +37,13 @@ FORMATS: dict[bytes, tuple[type[Decoder], bytes]] = {
 }
 UNREADABLE = "truncated or damaged {}, it cannot be read"
 KNOWN = "PNG, JPEG, WebP, TIFF, BMP, PPM or PGM, NPY or EXR"
-START = 16  # bytes that tell a format
+START = 16  # bytes that identify a format
 ORIENTATION = 0x0112  # EXIF: 1 as stored; 5 to 8 turned by 90 degrees
 
 
 @dataclass(frozen=True)
 class ImageFile:
-    """The image source of an ordinary image file; `upright`: turned as its EXIF orientation says."""
+    """The image source of an ordinary image file; `upright`: rotated by its EXIF orientation."""
 
     path: Path
     upright: bool = False
@@ -54,7 +54,7 @@ class ImageFile:
 
     @property
     def on_disk(self) -> bool:
-        """Whether it is a file of its own, that other programs can open: not one within an archive."""
+        """Whether it is an ordinary file, which other programs can open, not one within an archive."""
         return not isinstance(self.path, ArchivePath)
 
     def header(self) -> ImageHeader:
@@ -72,7 +72,7 @@ class ImageFile:
 
 
 def read_header(file: BinaryIO) -> ImageHeader:
-    """Kind and size of an encoded image, undecoded. Raises InputError (reason only) where it has none, or too large."""
+    """Kind and size of an encoded image, undecoded. Raises InputError (reason only) if it has none, or too large."""
     start = file.read(START)
     file.seek(0)
     if raw := raw_format(start):
@@ -108,8 +108,8 @@ def decode(data: bytes, upright: bool = False) -> NDArray[Any]:
     if end not in data or (data.startswith(b"RIFF") and len(data) < 8 + int.from_bytes(data[4:8], "little")):
         raise InputError(f"truncated {image.format}")
     with damage(f"damaged {image.format}, it cannot be decoded"):
-        _open(io.BytesIO(data))[0].verify()  # checksums, which decoding leaves out
-        image.info.pop("transparency", None)  # what is transparent has a colour too; Pillow would warn about it
+        _open(io.BytesIO(data))[0].verify()  # checksums, which decoding does not check
+        image.info.pop("transparency", None)  # transparent pixels have a colour; Pillow would warn
         plain = image if image.mode in ("I;16", "L", "RGB") else image.convert("RGB")
         return np.asarray(ImageOps.exif_transpose(plain) if upright else plain)
 
@@ -135,7 +135,7 @@ def _of_allowed_size(header: ImageHeader) -> ImageHeader:
 
 def _header(image: Decoder) -> ImageHeader:
     width, height = image.size
-    # The raw mode of a decoder tells how wide a channel is stored: "RGB", "L;4", "I;16B".
+    # The raw mode of a decoder gives the stored width of a channel: "RGB", "L;4", "I;16B".
     raw = str(image.tile[0].args) if image.tile else ""
     bits = 1 if image.mode == "1" else int(found[1]) if (found := re.search(r";(\d+)", raw)) else 8
     return _of_allowed_size(ImageHeader(width, height, bits, len(image.getbands()), image.format or "image"))

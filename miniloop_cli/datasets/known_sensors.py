@@ -1,7 +1,7 @@
-"""Sensors told by the size of their images and their focal length, where nothing states the unit of depth.
+"""Sensors identified by the size of their images and their focal length, to find the unit of depth.
 
-The ranges hold the factory calibrations that owners publish of these sensors, with some room; the unit is that of the
-makers' own recorders and of the ROS drivers (REP 118).
+The ranges contain published factory calibrations of these sensors, with a margin; the unit is that of the makers'
+recorders and of the ROS drivers (REP 118).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Sensor(NamedTuple):
     fx_px: tuple[float, float]
 
 
-# Kinects and Xtions (fx 517 to 590 at 640 x 480) are left out: TUM's recordings are of them, at 5000 units a metre.
+# Kinects and Xtions (fx 517 to 590 at 640 x 480) are left out, as TUM's recordings have 5000 units a metre.
 MILLIMETRE_SENSORS = (
     Sensor("a RealSense D415 or D435", (640, 480), (598.0, 630.0)),
     Sensor("a RealSense D415 or D435", (848, 480), (598.0, 630.0)),
@@ -34,7 +34,7 @@ MILLIMETRE_SENSORS = (
     Sensor("a Kinect v2", (1920, 1080), (1030.0, 1090.0)),
     Sensor("a Kinect v2", (960, 540), (515.0, 545.0)),
 )
-# Sizes of depth images that no other sensor has, whatever the camera.
+# Sizes of depth images that no other sensor has, for any camera.
 MILLIMETRE_SIZES = {
     (512, 424): "a Kinect v2",
     (640, 576): "an Azure Kinect",
@@ -45,7 +45,7 @@ MILLIMETRE_SIZES = {
 
 
 def stores_millimetres(camera: Camera, depth_size: Size) -> str | None:
-    """Why the depth is probably in millimetres, as a sentence; None where the sensor is not known.
+    """Why the depth is probably in millimetres, as a sentence; None if the sensor is unknown.
 
     `depth_size` is the width and height (px) of the stored depth images, `camera` that of the colour images.
     """

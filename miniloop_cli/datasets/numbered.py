@@ -1,4 +1,4 @@
-"""What layouts have in common: images paired by frame number, a given camera, poses and cameras in small files."""
+"""Common parts of layouts: images paired by frame number, a given camera, poses and cameras in small files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_JSON_BYTES = 64 << 20
 
 
 def frame_number(name: str) -> int | None:
-    """The first number in a file's name ("frame-000012.pose.txt": 12), None without one; for names that hold one."""
+    """The first number in a file's name ("frame-000012.pose.txt": 12), None without one."""
     match = re.search(r"\d{1,18}", name)
     return int(match[0]) if match else None
 
@@ -33,7 +33,7 @@ def frame_number(name: str) -> int | None:
 def pair_by_number(
     root: Path, color: Mapping[int, ImageSource], depth: Mapping[int, ImageSource], rate_hz: float = RATE_HZ
 ) -> tuple[tuple[Frame, ...], tuple[Note, ...], tuple[int, int]]:
-    """Frames that have both images, with stamps of `rate_hz` frames a second, notes, and how many images there were.
+    """Frames with both images, with stamps of `rate_hz` frames a second; notes; numbers of colour and depth images.
 
     Raises InputError if there are none.
     """
@@ -52,8 +52,8 @@ def given_camera(
 ) -> Camera | None:
     """The camera file given by the user, or camera.yaml in the recording; None leaves it to the layout.
 
-    `frames` tell the images' size, by which a file with several cameras is read; `depth_scale` (units a metre) is the
-    layout's, for files of other tools that state none.
+    `frames` give the images' size, which chooses among several cameras in a file; `depth_scale` (units a metre) is the
+    layout's, for files of other tools that do not state it.
     """
     path = camera_path or root / "camera.yaml"
     if camera_path is None and not path.exists():
@@ -63,7 +63,7 @@ def given_camera(
 
 
 def color_size(frames: tuple[Frame, ...]) -> tuple[int, int] | None:
-    """Width and height (px) of the first colour image that can be read, of the first twenty; None if none can."""
+    """Width and height (px) of the first readable colour image of the first twenty; None if there is none."""
     for frame in frames[:20]:
         try:
             header = frame.color.header()
@@ -109,9 +109,9 @@ def numbers(value: Any, count: int, where: str) -> Floats:
 
 
 def usable_pose(T: Floats, where: str) -> Floats | None:
-    """A (4, 4) pose with an exact rotation; None where it is not finite, which marks a frame without a pose.
+    """A (4, 4) pose with an exact rotation; None if it is not finite, which marks a frame without a pose.
 
-    Raises InputError naming `where` if it is no rigid transformation.
+    Raises InputError naming `where` if it is not a rigid transformation.
     """
     if not np.isfinite(T).all():
         return None

@@ -1,4 +1,4 @@
-"""Wheels that only some recordings need: imported when such a recording is read, with a hint where they are missing."""
+"""Wheels that only some recordings need: imported when such a recording is read, with a hint if they are missing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from miniloop_cli.errors import InputError
 
 
 def optional_wheel(module: str, wheel: str, extra: str) -> Any:
-    """The module of an optional wheel. Raises InputError (reason only) that says how to install what is missing."""
+    """The module of an optional wheel. Raises InputError (reason only) with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

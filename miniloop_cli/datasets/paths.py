@@ -19,7 +19,7 @@ UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def shown(path: Path | str) -> str:
-    """A path for messages and reports: printable whatever bytes the name holds, and not endless."""
+    """A path for messages and reports: printable for any bytes in the name, and of limited length."""
     return printable(os.fspath(path), 300)
 
 
@@ -27,8 +27,8 @@ def shown(path: Path | str) -> str:
 def open_file(path: Path, limit: int = MAX_TABLE_BYTES) -> Iterator[BinaryIO]:
     """An ordinary file of at most `limit` bytes, open for reading.
 
-    Raises InputError for a missing, unreadable, oversized or special file (a pipe would block for ever), also where
-    reading fails later on.
+    Raises InputError for a missing, unreadable, oversized or special file (a pipe would block for ever), also if
+    reading fails later.
     """
     try:
         if not path.is_file():
@@ -51,8 +51,8 @@ def read_bytes(path: Path, limit: int = MAX_TABLE_BYTES) -> bytes:
 def read_lines(path: Path) -> list[tuple[int, str]]:
     """(line number, text) of every line of a text file that is not empty and not a comment (#).
 
-    UTF-16 is told by its first two bytes. Bytes that are not UTF-8 survive as surrogates, so that file names of any
-    encoding still open.
+    UTF-16 is recognised by its first two bytes. Bytes that are not UTF-8 become surrogates, so that file names of any
+    encoding can be opened.
     """
     data = read_bytes(path)
     if data.startswith(UTF_16):
@@ -64,27 +64,27 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def within(root: Path, name: str, where: str) -> Path:
-    """The path of `name` below `root`, by its letters alone: links are not followed, and no file need be there.
+    """The path of `name` below `root`, by its text alone: links are not followed, and the file need not exist.
 
-    Raises InputError naming `where` (file and line) for a name that leads out of it.
+    Raises InputError naming `where` (file and line) for a name that points outside.
     """
     base = os.path.normpath(root)
     try:
-        path = os.path.normpath(root / name)  # takes ".." out, which Path keeps
+        path = os.path.normpath(root / name)  # removes "..", which Path keeps
         if os.path.commonpath((base, path)) != base:
             raise InputError(
                 f"{where} points outside the sequence: {shown(name)}; copy the files into {shown(root)} instead"
             )
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
-        pass  # it need not be there, and may lie in an archive
+        pass  # it need not exist, and may be in an archive
     except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise InputError(f"{where} names an impossible file: {shown(name)} ({error})") from error
     return root / os.path.relpath(path, base)
 
 
 def require_inside(root: Path, paths: Iterable[Path]) -> None:
-    """Raises InputError for the first of the files below `root` that a symbolic link puts outside of it."""
+    """Raise InputError for the first of the files below `root` that is outside of it by a symbolic link."""
     base = os.path.realpath(root)
     real: dict[Path, str] = {}  # of the folders, which are few
     for path in paths:
@@ -100,7 +100,7 @@ def require_inside(root: Path, paths: Iterable[Path]) -> None:
 def list_files(root: Path, folder: str, suffixes: tuple[str, ...] = IMAGE_SUFFIXES) -> tuple[list[Path], list[Path]]:
     """The files of a sub-folder of `root` that end in one of `suffixes`, and the others, sorted; hidden ones left out.
 
-    Raises InputError where the folder cannot be listed.
+    Raises InputError if the folder cannot be listed.
     """
     where = root / folder
     try:

@@ -1,4 +1,4 @@
-"""What is known of the frames beside their images: the vertical of each, and rough poses."""
+"""Priors of the frames: the vertical of each, and rough poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOG = logging.getLogger("miniloop")
 def read_priors(sequence: Sequence, gravity: Path | str | None = None, poses: Path | str | None = None) -> Priors:
     """Priors of the frames of a sequence from an accelerometer table and a trajectory, by their time stamps.
 
-    Raises InputError naming file and line for what cannot be read, and for files of another time.
+    Raises InputError naming file and line for malformed files, and for files of another time.
     """
     stamps = np.array([frame.timestamp_s for frame in sequence.frames])
     accelerometer = T = None

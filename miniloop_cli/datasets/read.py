@@ -26,7 +26,7 @@ MAX_ASPECT_DIFFERENCE = 0.02  # of depth of lower resolution against colour
 
 
 def read_color(source: ImageSource) -> Bytes:
-    """(h, w, 3) uint8 RGB; grey is repeated, of 16 bits the upper 8 are taken. Raises InputError (reason only)."""
+    """(h, w, 3) uint8 RGB; grey is repeated, of 16 bits the upper 8 are used. Raises InputError (reason only)."""
     stored = source.read()
     if stored.dtype == np.uint16:
         stored = (stored >> 8).astype(np.uint8)
@@ -34,9 +34,9 @@ def read_color(source: ImageSource) -> Bytes:
 
 
 def read_depth(source: ImageSource, floating: bool = False) -> NDArray[Any]:
-    """(h, w) uint16 as stored; float32 if `floating`, with 0 for what is not finite or not positive.
+    """(h, w) uint16 as stored; float32 if `floating`, with 0 for values that are not finite or not positive.
 
-    Raises InputError (reason only) for anything else than one channel of that type.
+    Raises InputError (reason only) for other types and for several channels.
     """
     stored = source.read()
     if stored.dtype != (np.float32 if floating else np.uint16) or stored.ndim != 2:
@@ -52,8 +52,8 @@ def read_mask(source: ImageSource) -> Bools:
 def read_scan(sequence: Sequence, index: int) -> Scan:
     """Decode frame `index`: colour as stored, depth in metres on the pixels of colour, 0 where it is not usable.
 
-    Raises InputError naming frame and file for an image that is missing, broken, too large, or not what the
-    camera says; the rest of the sequence is not concerned.
+    Raises InputError naming frame and file for an image that is missing, broken, too large, or of another size than
+    the camera's; other frames are not affected.
     """
     frame = sequence.frames[index]
     source = frame.color
@@ -94,18 +94,18 @@ def _in_metres(sequence: Sequence, stored: NDArray[Any]) -> Floats32:
 
 
 def _registered(sequence: Sequence, frame: Frame, depth_m: Floats32) -> Floats32:
-    """Depth of a camera of its own on the pixels of colour."""
+    """Depth of a separate depth camera on the pixels of colour."""
     own = sequence.depth_camera
     if own is None or isinstance(frame.depth, NoDepth) or own.sees_as(sequence.camera):
         return depth_m
-    # Most recordings come registered, and need not wait for a compiler.
+    # Imported here, as most recordings are registered and need no compiled kernels.
     from miniloop_cli.geometry.depth_registration import register_depth
 
     return register_depth(depth_m, own.camera, sequence.camera, own.T_color_depth)
 
 
 def _stored_depth(sequence: Sequence, source: ImageSource, color: Shape) -> NDArray[Any]:
-    """Depth as stored, of the size that it must have beside colour (h, w, 3)."""
+    """Depth as stored, of the size for colour (h, w, 3)."""
     if isinstance(source, NoDepth):
         return np.zeros(color[:2], np.uint16)
     stored = read_depth(source, sequence.depth_format.floating)
@@ -119,9 +119,9 @@ def _stored_depth(sequence: Sequence, source: ImageSource, color: Shape) -> NDAr
 
 
 def check_headers(sequence: Sequence, index: int) -> None:
-    """Whether the images of frame `index` are there, of the right types and sizes, by their headers alone.
+    """Check by their headers that the images of frame `index` exist with the right types and sizes.
 
-    Raises InputError (reason only) where `read_scan` would refuse the frame for it.
+    Raises InputError (reason only) if `read_scan` would refuse the frame for these.
     """
     frame = sequence.frames[index]
     color, depth = frame.color.header(), frame.depth.header()
@@ -138,14 +138,14 @@ def check_headers(sequence: Sequence, index: int) -> None:
 def read_ground_truth(sequence: Sequence) -> Trajectory | None:
     """The reference poses that came with the recording, in the convention of `Trajectory`; None if there are none.
 
-    Raises InputError naming file and line where they cannot be read.
+    Raises InputError naming file and line if they cannot be read.
     """
     with_depth = tuple(frame for frame in sequence.frames if not isinstance(frame.depth, NoDepth))
     return find_layout(sequence.layout).ground_truth(replace(sequence, frames=with_depth))  # rows may count the pairs
 
 
 def require_color_size(shape: Shape, camera: Camera) -> None:
-    """Raises InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
+    """Raise InputError (reason only) unless the camera is for images (h, w, ...) of this shape."""
     if shape[:2] != (camera.height, camera.width):
         raise InputError(f"colour is {_size(shape)}, the camera {camera.width} x {camera.height} ({camera.source})")
 
@@ -153,7 +153,7 @@ def require_color_size(shape: Shape, camera: Camera) -> None:
 def _as_common(
     color: Bytes, stored: NDArray[Any], mask: Bools | None, own: Camera, common: Camera
 ) -> tuple[Bytes, NDArray[Any], Bools]:
-    """A frame of its own camera as the common one sees it; the mask also hides what only that one would see."""
+    """A frame with its own camera, resampled to the common one; the mask also hides pixels that it did not see."""
     hidden = np.where(mask, np.uint16(1), np.uint16(0)) if mask is not None else np.zeros(stored.shape, np.uint16)
     _, hidden, _ = to_common(color, hidden, own, common)
     color, stored, unseen = to_common(color, stored, own, common)
@@ -171,7 +171,7 @@ def _require_registered(depth: Shape, color: Shape) -> None:
 
 
 def _resampled(stored: NDArray[Any], shape: Shape) -> NDArray[Any]:
-    """Nearest neighbours, so that no depth is made up across an edge; the aspect ratio must agree."""
+    """Nearest neighbours, so that no depth is interpolated across an edge; the aspect ratio must agree."""
     import cv2
 
     ratio = stored.shape[0] * shape[1] / (stored.shape[1] * shape[0])

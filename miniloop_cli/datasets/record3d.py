@@ -1,7 +1,7 @@
 """The metadata of Record3D, in its files and in its exports: clock, cameras, and ARKit's poses.
 
-`K` is stored by columns and belongs to the colour images of size `w` x `h` as they are stored, upright where the phone
-was held upright; the poses belong to these images too (github.com/nerfstudio-project/viser, extras/_record3d.py).
+`K` is stored by columns, for the colour images of size `w` x `h` as stored, which are upright if the phone was; the
+poses are of these images as well (github.com/nerfstudio-project/viser, extras/_record3d.py).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Note, NoteKind, Trajectory
 from miniloop_cli.typing import Floats
 
-MAX_ZOOM = 0.5  # a frame's focal length beyond is not of these images
+MAX_ZOOM = 0.5  # focal lengths of frames that differ by more are not of these images
 
 
 def poses_of(data: dict[str, Any], where: str) -> Trajectory | None:
@@ -44,7 +44,7 @@ def poses_of(data: dict[str, Any], where: str) -> Trajectory | None:
 
 
 def clock(data: dict[str, Any], where: str) -> tuple[float, Floats | None]:
-    """Frames a second, and the times (s) of all frames by number where the metadata state them."""
+    """Frames a second, and the times (s) of all frames by number, if the metadata have them."""
     fps = data.get("fps")
     rate_hz = float(fps) if isinstance(fps, int | float) and 0.1 <= fps <= 1000 else RATE_HZ
     times = data.get("frameTimestamps")
@@ -76,7 +76,7 @@ def cameras(
 ) -> tuple[Camera, dict[ImageSource, Floats]]:
     """The camera of the recording, and each image's own (4,) fx fy cx cy if the metadata state them.
 
-    Where they do, their median is the camera. `name` is that of the metadata, for messages. Raises InputError.
+    If so, their median is the camera. `name` is that of the metadata, for messages. Raises InputError.
     """
     K = numbers(data.get("K"), 9, f"{where}: K")
     size = numbers([data.get("w"), data.get("h")], 2, f"{where}: w, h")

@@ -1,4 +1,4 @@
-"""One time stamp as it is written: a number in any unit, or a date with the time of day."""
+"""The text of a time stamp: a number in any unit, or a date with the time of day."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of images as people write them: `timestamp filename` a row, or `timestamp filename timestamp filename`."""
+"""Tables of images with rows `timestamp filename`, or `timestamp filename timestamp filename`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TITLES = re.compile(r"[\"']?(time|stamp|frame|index|id\b|t\b)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Row:
-    """A row: where it stands, its stamp as written, and what follows it."""
+    """A row: its file and line, its stamp as written, and the rest."""
 
     place: str
     stamp: str
@@ -39,9 +39,9 @@ class Row:
 def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
     """The images that a table in `root` names, in the order of its rows.
 
-    File names may be quoted, hold backslashes, be bare (they are looked for in `folders`) or absolute paths of another
-    machine (of which the longest end that exists counts); further columns are ignored. Raises InputError naming file
-    and line for a malformed row, one that points outside `root`, many equal stamps, and where no row leads to a file.
+    File names may be quoted, have backslashes, be bare (they are searched in `folders`) or absolute paths of another
+    machine (the longest end that exists is used); further columns are ignored. Raises InputError naming file and line
+    for a malformed row, one that points outside `root`, many equal stamps, and if no row names an existing file.
     """
     rows = list(_rows(root / name))
     return _read(root, name, rows, FileFinder(root, folders))
@@ -50,7 +50,7 @@ def read_table(root: Path, name: str, folders: tuple[str, ...] = ()) -> Stream:
 def read_associations(
     root: Path, name: str, color_folders: tuple[str, ...], depth_folders: tuple[str, ...]
 ) -> tuple[Stream, Stream]:
-    """Colour and depth of a table of four columns, row by row; the paths tell which pair is depth.
+    """Colour and depth of a table of four columns, row by row; the paths show which pair is depth.
 
     Raises InputError as `read_table`, and for rows with fewer columns.
     """
@@ -84,7 +84,7 @@ def _rows(path: Path) -> Iterator[Row]:
 
 
 def _spellings(rest: str) -> Iterator[str]:
-    """What the file name in the rest of a row may be: a quoted part, all of it, all up to a separator."""
+    """Possible file names in the rest of a row: a quoted part, all of it, all up to a separator."""
     quoted = re.match(r"\"([^\"]+)\"|'([^']+)'", rest)
     if quoted:
         yield quoted[1] or quoted[2]
@@ -97,18 +97,18 @@ def _spellings(rest: str) -> Iterator[str]:
 
 
 class FileFinder:
-    """Finds the files that rows mean, below one folder."""
+    """Finds the files of rows, below one folder."""
 
     def __init__(self, root: Path, folders: tuple[str, ...]) -> None:
         self.root, self.folders = root, folders
-        self.converted = 0  # rows that mean a file otherwise than as written
-        self.cut = 0  # rows with further columns behind the file's name
+        self.converted = 0  # rows whose file was found under another path
+        self.cut = 0  # rows with further columns after the file's name
         self.missing: list[Row] = []
 
     def find(self, place: str, rest: str) -> Path:
-        """The file that the rest of a row names; the path as it is written where there is none.
+        """The file that the rest of a row names; the path as written if there is none.
 
-        Raises InputError naming `place` for one that leads outside.
+        Raises InputError naming `place` for one that points outside.
         """
         written = list(_spellings(rest))
         for name in written:
@@ -123,7 +123,7 @@ class FileFinder:
                     return path
         self.missing.append(Row(place, "", written[-1]))
         plain = written[-1].replace("\\", "/")
-        if ABSOLUTE.match(plain) and not os.path.lexists(plain):  # of another machine: it can only mean a file here
+        if ABSOLUTE.match(plain) and not os.path.lexists(plain):  # of another machine: a file in this folder
             plain = f"{self.folders[0]}/{PurePosixPath(plain).name}" if self.folders else PurePosixPath(plain).name
         return within(self.root, plain, place)
 
@@ -162,7 +162,7 @@ def _read(root: Path, name: str, rows: list[Row], files: FileFinder, kept: list[
 
 
 def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
-    """The first row of each stamp since the clock started. InputError where too many rows repeat a stamp.
+    """The first row of each stamp since the clock started. Raises InputError if too many rows repeat a stamp.
 
     Rows that repeat stamp and file do not count as repeated stamps.
     """
@@ -182,9 +182,9 @@ def _once(rows: list[Row], values: Floats, paths: list[Path]) -> list[int]:
 
 
 def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> list[Note]:
-    """What is said of rows whose file is missing, or is found otherwise than as written.
+    """Notes on rows whose file is missing, or was found under another path.
 
-    Raises InputError where no row leads to a file: then the table is at fault, not the files.
+    Raises InputError if no row names an existing file, as the table is then wrong.
     """
     notes = []
     if files.missing:
@@ -206,7 +206,7 @@ def _file_notes(root: Path, name: str, rows: list[Row], files: FileFinder) -> li
 
 
 def _held(root: Path, files: FileFinder) -> str:
-    """What the folders in which files were looked for hold, for a message."""
+    """The content of the searched folders, for a message."""
     for folder in files.folders:
         if (root / folder).is_dir():
             found, _ = list_files(root, folder, ("",))

@@ -1,4 +1,4 @@
-"""Thumbnails of frames: JPEG files in memory, small enough to be kept of every frame of a recording."""
+"""Thumbnails of frames: JPEG files in memory, small enough to keep one of every frame."""
 
 from __future__ import annotations
 

@@ -24,17 +24,17 @@ def from_rows(rows: dict[float, tuple[float, ...]]) -> Trajectory:
 
 
 def read_trajectory(path: Path | str, frames_s: Floats | None = None, numbered: Numbered = dict) -> Trajectory:
-    """The poses of a trajectory or ground truth file, sorted by time; `source` says how the file was read.
+    """The poses of a trajectory or ground truth file, sorted by time; `source` describes how the file was read.
 
-    `frames_s`: (m,) sorted stamps of the frames that the poses are for, which tell the unit of the file's stamps;
+    `frames_s`: (m,) sorted stamps of the frames of the poses, which determine the unit of the file's stamps;
     `numbered`: gives the stamps of the frames by number, for formats without stamps.
-    Raises InputError naming file and line for what is malformed, and for what could mean more than one thing.
+    Raises InputError naming file and line for malformed and for ambiguous content.
     """
     return to_trajectory(read_pose_file(path if isinstance(path, Path) else Path(path)), frames_s, numbered)
 
 
 def write_trajectory(path: Path | str, trajectory: Trajectory) -> None:
-    """Write TUM's format, stamps to the microsecond, whole or not at all."""
+    """Write TUM's format, with stamps to the microsecond, completely or not at all."""
     T = trajectory.T_world_cam.reshape(-1, 4, 4)
     with atomic_write(Path(path)) as file:
         file.write(HEADER + "\n")

@@ -1,4 +1,4 @@
-"""What the names over the columns of a trajectory mean, whichever tool wrote them."""
+"""The meaning of the column names of a trajectory, from any tool."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUATERNION_ORDER = "xyzw"
 
 @dataclass(frozen=True)
 class Columns:
-    """Which column of `count` holds what, and units where the header states them."""
+    """The roles of `count` columns, and units if the header states them."""
 
     count: int
     stamp: int
@@ -30,10 +30,10 @@ class Columns:
     quaternion: tuple[int, int, int, int]  # x y z w
     time_unit: Unit | None
     length_unit: str | None
-    tool: str  # "EuRoC CSV", or what the names are like
+    tool: str  # "EuRoC CSV", or a description of the names
 
     def words(self) -> list[str]:
-        """What the header was taken for."""
+        """Description of the recognised header."""
         used = (self.stamp, *self.position, *self.quaternion)
         if used == tuple(range(self.count)):
             words = ["TUM"]
@@ -45,9 +45,9 @@ class Columns:
 
 
 def find_columns(comments: tuple[str, ...], header: str | None, count: int, name: str) -> Columns | None:
-    """The columns that a header line, or the last comment that looks like one, names; None where there is none.
+    """The columns named by a header line, or by the last comment that looks like one; None if there is none.
 
-    `count`: numbers in the first row. Raises InputError naming the file for a header that is no use.
+    `count`: numbers in the first row. Raises InputError naming the file for an incomplete header.
     """
     if header is not None:
         columns = _columns(header, count, name)
@@ -64,7 +64,7 @@ def find_columns(comments: tuple[str, ...], header: str | None, count: int, name
 
 
 def _columns(line: str, count: int, name: str) -> Columns | None:
-    """None for a line that is prose."""
+    """The columns; None for a line of prose."""
     names = [_split(text) for text in _names(line)]
     if len(names) > count and _roles(names[-count:])[0].keys() >= _ALL:
         names = names[-count:]  # words before them, as in "format: timestamp tx ty tz qx qy qz qw"
@@ -100,7 +100,7 @@ def _names(line: str) -> list[str]:
 
 
 def _split(text: str) -> tuple[str, str]:
-    """A name in small letters, and the unit in brackets or at its end ("" without)."""
+    """A name in lower case, and the unit in brackets or at its end ("" without)."""
     stem, _, unit = re.sub(r"[\])\s]+$", "", text).partition("[" if "[" in text else "(")
     stem = re.sub(r"[^\w]+", "_", stem.strip().lower()).strip("_")
     unit = unit.strip()
@@ -110,7 +110,7 @@ def _split(text: str) -> tuple[str, str]:
 
 
 def _roles(names: list[tuple[str, str]]) -> tuple[dict[str, int], str]:
-    """Column by role, and what is wrong with them ("" if nothing is)."""
+    """Column by role, and a problem with them ("" if there is none)."""
     found: dict[str, int] = {}
     problem = ""
     for k, (stem, _) in enumerate(names):

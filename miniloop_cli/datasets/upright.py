@@ -14,9 +14,9 @@ SAME_ASPECT = 0.02
 
 
 def with_upright_colour(sequence: Sequence) -> Sequence:
-    """The sequence with colour turned as its EXIF orientation says where that is how depth lies; notes say so.
+    """The sequence with colour rotated by its EXIF orientation if depth has that orientation, with notes.
 
-    Half a turn and mirror images leave the shape as it is: nothing tells how depth lies, and colour stays as stored.
+    Half a turn and mirroring keep the shape, so the orientation of depth is unknown, and colour stays as stored.
     """
     found = next((found for frame in sequence.frames[:LOOKED_AT] if (found := _shapes(frame))), None)
     if found is None:
@@ -34,7 +34,7 @@ def _turned(frame: Frame) -> Frame:
 
 
 def _shapes(frame: Frame) -> tuple[int, tuple[int, int], tuple[int, int]] | None:
-    """Orientation other than "as stored", and (width, height) of stored colour and of depth; None where unknown."""
+    """Orientation other than "as stored", and (width, height) of stored colour and of depth; None if unknown."""
     if not isinstance(frame.color, ImageFile):
         return None
     try:

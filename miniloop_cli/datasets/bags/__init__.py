@@ -1,1 +1,1 @@
-"""ROS bags and MCAP files: an index of their messages, and each message read when it is asked for."""
+"""ROS bags and MCAP files: an index of their messages, which are read on demand."""

@@ -1,4 +1,4 @@
-"""MCAP files with messages of ROS 1 or ROS 2, walked from the start, so that a file that was cut off opens too.
+"""MCAP files with messages of ROS 1 or ROS 2, read from the start, so that a truncated file opens as well.
 
 Format: https://mcap.dev/spec.
 """
@@ -151,7 +151,7 @@ class McapFile:
         self._unassigned += [(channel, Place(time_ns, chunk, inner)) for time_ns, inner in pairs]
 
     def _scan_unless(self, indexed: bool, chunk: int) -> None:
-        """The messages of a chunk that no index follows."""
+        """Index the messages of a chunk without an index of its own."""
         if indexed or chunk not in self._chunks:
             return
         data, offset = self._chunk(chunk), 0
@@ -166,7 +166,7 @@ class McapFile:
             offset = start + size
 
     def _find_channels(self) -> None:
-        """Channels of a file without summary stand in the chunks, before their first message."""
+        """Channels of a file without summary are in the chunks, before their first message."""
         seen: set[int] = set()
         for channel, place in self._unassigned:
             if channel in self._channels or place.inner < 0 or place.record in seen:

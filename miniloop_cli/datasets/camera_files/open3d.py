@@ -16,7 +16,7 @@ IGNORED = tuple(
 
 
 def matches(data: dict) -> bool:
-    """By the matrix, or by what holds it."""
+    """By the matrix, or by its parent."""
     return "intrinsic_matrix" in data or str(data.get("class_name", "")).startswith("PinholeCamera")
 
 

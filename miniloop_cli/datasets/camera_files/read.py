@@ -1,4 +1,4 @@
-"""Reading a camera file of any known format, which is recognised by what the file holds."""
+"""Reading a camera file of any supported format, which is recognised by the content of the file."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ TEXT_FORMATS = (
     TextFormat("COLMAP's cameras.txt", colmap.matches, colmap.read),
     TextFormat("a listing of rs-enumerate-devices", realsense.matches_listing, realsense.read_listing),
 )
-# The first that matches is taken; those with names that others use too stand last.
+# The first that matches is used; formats whose names others use as well come last.
 FORMATS = (
     Format("Azure Kinect's calibration.json", azure_kinect.matches_raw, azure_kinect.read_raw),
     Format("Kalibr", kalibr.matches, kalibr.read),
@@ -65,10 +65,10 @@ def read_camera_file(
 ) -> Camera:
     """The camera of a file in any of the formats above, or in our own (docs/recordings.md).
 
-    `source` says where the file comes from; `image_size` (width, height) chooses among several cameras;
-    `depth_scale` (stored units a metre) is assumed, and said to be, where the format of another tool states none.
+    `source` names the origin of the file; `image_size` (width, height) chooses among several cameras;
+    `depth_scale` (stored units a metre) is assumed, and reported, if a format of another tool does not state it.
 
-    Raises InputError where the file cannot be read, ConfigError for unknown, missing or impossible values.
+    Raises InputError if the file cannot be read, ConfigError for unknown, missing or impossible values.
     """
     path = path if isinstance(path, Path) else Path(path)
     where, text = shown(path), read_text(path)
@@ -90,16 +90,16 @@ def read_camera_file(
 
 
 def read_depth_camera(path: Path, camera: Camera) -> DepthCamera | None:
-    """The depth camera that a camera file names beside the colour camera, which it gave; None where it names none.
+    """The separate depth camera in the file of the colour `camera`; None if there is none.
 
-    Only our own format does. Raises as `read_camera_file`.
+    Only our own format has one. Raises as `read_camera_file`.
     """
     found = _recognise(read_text(path), path, shown(path), (camera.width, camera.height))
     return depth_camera_of(found, camera, shown(path)) if isinstance(found, dict) else None
 
 
 def _recognise(text: str, path: Path, where: str, size: Size | None) -> dict[str, Any] | tuple[str, Reading]:
-    """The values of our own format, or another format's name and what it says."""
+    """The values of our own format, or the name and the reading of another format."""
     for text_format in TEXT_FORMATS:
         if text_format.matches(text):
             return text_format.name, text_format.read(text, where, size)

@@ -1,1 +1,1 @@
-"""The layouts that recordings come in, one file each; `registry.BUILT_IN` lists them."""
+"""The built-in layouts of recordings, one file each; `registry.BUILT_IN` lists them."""

@@ -1,9 +1,9 @@
 """The Bonn RGB-D Dynamic data set: TUM's tables and folders, with a calibration of its own.
 
-The camera is published with the data set (www.ipb.uni-bonn.de/data/rgbd-dynamic-dataset), as is how its poses are
-meant: groundtruth.txt holds those of the markers, in the axes of ROS, and T_g = T_ros T T_ros T_m takes points of the
-colour camera to the laser scan. T_m has a scale of 1.059, which poses cannot have: its rotation and translation are
-used.
+The camera and the convention of the poses are published with the data set
+(www.ipb.uni-bonn.de/data/rgbd-dynamic-dataset): groundtruth.txt has the poses of the markers, in the axes of ROS, and
+T_g = T_ros T T_ros T_m maps points of the colour camera to the laser scan. T_m has a scale of 1.059, which a pose
+cannot have; only its rotation and translation are used.
 """
 
 from __future__ import annotations

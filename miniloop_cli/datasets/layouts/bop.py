@@ -59,7 +59,7 @@ class Bop:
         return Sequence(root.name, root, camera, frames, truth, notes, found.available, form)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """The poses of scene_camera.json, where it has them, camera to world in metres."""
+        """The poses of scene_camera.json, if it has them, camera to world in metres."""
         path = sequence.ground_truth_path
         if path is None:
             return None

@@ -47,7 +47,7 @@ class Eth3d:
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """The motion capture trajectory, where there is one."""
+        """The motion capture trajectory, if there is one."""
         return Tum().ground_truth(sequence)
 
 

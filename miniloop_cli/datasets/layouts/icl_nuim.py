@@ -37,8 +37,8 @@ class IclNuim:
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """The published poses, mirrored: F T F with F = diag(1, -1, 1, 1).
 
-        They belong to a renderer whose y points up (hence the published fy = -480), so its camera and its world are
-        both mirror images of those of a camera whose y points down. The stamps of the file are frame numbers.
+        They belong to a renderer whose y points up (hence the published fy = -480). Its camera and its world are mirror
+        images of those of a camera whose y points down. The stamps of the file are frame numbers.
         """
         if sequence.ground_truth_path is None:
             return None

@@ -86,7 +86,7 @@ class Nerfstudio:
         return Sequence(root.name, root, camera, kept, path, tuple(notes), available, DepthFormat(resample=True))
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """The poses of transforms.json, camera to world: of the app, or of whoever prepared it; not the truth."""
+        """The poses of transforms.json, camera to world: a reference of the app or of another tool, not the truth."""
         path = sequence.ground_truth_path
         if path is None:
             return None
@@ -101,7 +101,7 @@ class Nerfstudio:
 
 
 def _entries(data: dict[str, Any], path: Path) -> list[dict[str, Any]]:
-    """What the file says of each frame, in its order. Raises InputError."""
+    """The entries of the frames, in the order of the file. Raises InputError."""
     frames = data.get("frames")
     if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(f"{shown(path)}: frames must be a list of frames")
@@ -109,9 +109,9 @@ def _entries(data: dict[str, Any], path: Path) -> list[dict[str, Any]]:
 
 
 def _stamps(entries: list[dict[str, Any]], where: str) -> tuple[list[float], list[Note]]:
-    """The times (s) of all frames, and how they were had; where some have none, all are numbered instead.
+    """The times (s) of all frames, with notes on their origin; if some frames have none, all are numbered instead.
 
-    Raises InputError for equal times, and for times whose unit nothing tells.
+    Raises InputError for equal times, and for times in an unknown unit.
     """
     key = next((key for key in ("timestamp", "time") if all(key in entry for entry in entries)), None)
     if key is None or not entries:
@@ -141,7 +141,7 @@ def _images(root: Path, entry: dict[str, Any], where: str) -> tuple[ImageFile, I
 def _cameras(
     data: dict[str, Any], own: dict[ImageFile, dict[str, Any]], path: Path
 ) -> tuple[Camera, dict[ImageSource, Floats]]:
-    """The camera of all frames, the median where they have cameras of their own; and these."""
+    """The common camera, which is the median of the frames' own cameras, if they have some; and these."""
     where = shown(path)
     pinholes: dict[ImageSource, Floats] = {}
     sides = [[entry.get(key, data.get(key)) for key in ("w", "h")] for entry in own.values()]

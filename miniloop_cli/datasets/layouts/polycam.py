@@ -1,6 +1,6 @@
 """Polycam's raw data: keyframes/images, /depth (millimetres, lower resolution), /cameras (JSON, with ARKit's pose).
 
-Where the app closed loops, it also writes corrected_images, without the distortion of the lens, and corrected_cameras
+After loop closure, the app also writes corrected_images, without the distortion of the lens, and corrected_cameras
 (github.com/PolyCam/polyform, README.md).
 """
 
@@ -47,9 +47,9 @@ class Polycam:
         return (root / "keyframes/depth").is_dir() and any((root / name[0]).is_dir() for name in (RECORDED, CORRECTED))
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`, of the corrected images where the app made them. Raises InputError.
+        """The sequence in `root`, of the corrected images if they exist. Raises InputError.
 
-        The phone refocuses, so every frame has its own intrinsics, and is read as the median camera sees it.
+        The phone refocuses, so every frame has its own intrinsics, and is resampled to the median camera.
         """
         images, folder = _used(root)
         color = named_stream(root, images, IMAGE_SUFFIXES, MICROSECONDS)

@@ -29,7 +29,7 @@ class ScanNet:
         return all((root / name).is_dir() for name in ("color", "depth", "pose"))
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`; depth of lower resolution than colour is taken to cover the same view. InputError."""
+        """The sequence in `root`; depth of lower resolution must cover the view of colour. Raises InputError."""
         found = pair(root, named_stream(root, "color", IMAGE_SUFFIXES), named_stream(root, "depth", DEPTH_SUFFIXES))
         camera = given_camera(root, camera_path, found.frames) or _camera(root, found.frames)
         truth = root / "pose" if (root / "pose").is_dir() else None
@@ -44,7 +44,7 @@ class ScanNet:
 
 
 def _camera(root: Path, frames: tuple[Frame, ...]) -> Camera:
-    """Intrinsics of the colour camera; the size, which no file of the export states, is that of the images."""
+    """Intrinsics of the colour camera; the size is that of the images, as no file of the export states it."""
     K, where = read_matrix(root / INTRINSICS, (4, 4)), shown(root / INTRINSICS)
     size = color_size(frames)
     if size is None:

@@ -18,7 +18,7 @@ from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import DepthCamera, DepthFormat, Note, NoteKind, Sequence, Trajectory, dropped_images
 from miniloop_cli.typing import Floats
 
-MAX_APART_M, MAX_TURNED = 0.001, 0.001  # between the cameras of colour and depth that count as one
+MAX_APART_M, MAX_TURNED = 0.001, 0.001  # largest difference of the colour and depth cameras for registered depth
 SAME_VIEW_PX = 1.0  # at the corners of colour
 
 
@@ -30,7 +30,7 @@ class ScanNetSens:
         return root.suffix.lower() == ".sens" and root.is_file()
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in the file `root`. Raises InputError, also where depth is not registered to colour."""
+        """The sequence in the file `root`. Raises InputError, also if depth is not registered to colour."""
         held = read_sens(root)
         header, where = held.header, shown(root)
         _require_registered(header, where)
@@ -72,7 +72,7 @@ class ScanNetSens:
 
 
 def _times(held: SensFile) -> Floats | None:
-    """The times (s) of the colour images; None where the file has none that increase."""
+    """The times (s) of the colour images; None if they do not increase."""
     times_s = held.stamps_us[:, 0] / 1e6
     increasing = (np.diff(times_s) > 0).all() and (len(times_s) > 1 or times_s[0] > 0)
     return times_s if increasing else None
@@ -90,7 +90,7 @@ def _checked(K: Floats, header: SensHeader, size: tuple[int, int], name: str) ->
 
 
 def _require_registered(header: SensHeader, where: str) -> None:
-    """Raises InputError where the cameras of colour and depth are not at the same place."""
+    """Raise InputError if the cameras of colour and depth have different poses."""
     color, depth = header.extrinsics
     moved, turned = np.abs(color[:3, 3] - depth[:3, 3]).max(), np.abs(color[:3, :3] - depth[:3, :3]).max()
     if not moved <= MAX_APART_M or not turned <= MAX_TURNED:

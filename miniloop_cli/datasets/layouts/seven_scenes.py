@@ -34,7 +34,7 @@ class SevenScenes:
         found = pair(root, color, named_stream(root, ".", (".depth.png",)))
         default = Camera(585.0, 585.0, 320.0, 240.0, 640, 480, 1000.0, source=SOURCE, trust=Trust.GUESS)
         camera = given_camera(root, camera_path, found.frames) or default
-        # Until it is known better it is taken to stand where the colour camera does.
+        # The depth camera is assumed at the pose of the colour camera until it is estimated.
         own = DepthCamera(replace(camera, lens=PINHOLE, trust=Trust.GUESS), tuple(np.eye(4).ravel().tolist()))
         truth = root if any(root.glob("frame-*.pose.txt")) else None
         notes = (*found.notes, Note(NoteKind.ASSUMED, UNREGISTERED))

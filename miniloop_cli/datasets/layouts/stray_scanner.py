@@ -2,9 +2,8 @@
 
 One row of odometry.csv and one image of depth/ belong to each frame of the video, in order; the stamps of the video
 only count frames. Newer versions of the app write the intrinsics of each frame into the same rows; camera_matrix.csv is
-that of the last frame. Both are for the size of the video. Poses are camera to world;
-the app turns ARKit's axes to x right, y down, z forward before it writes them, and cameras lie as their sensor does,
-whatever way the phone is held (github.com/strayrobots/scanner, docs/format.md and
+that of the last frame. Both are for the size of the video. Poses are camera to world, with axes x right, y down,
+z forward of the sensor, independent of how the phone is held (github.com/strayrobots/scanner, docs/format.md and
 StrayScanner/Helpers/*Encoder.swift).
 """
 
@@ -113,7 +112,7 @@ def _odometry(path: Path) -> list[_Row]:
 
 
 def _camera(path: Path, rows: list[_Row], color: Stream) -> tuple[Camera, dict[ImageSource, Floats]]:
-    """The camera of all frames, and each frame's own: of the rows where these have them, else camera_matrix.csv."""
+    """The common camera, and each frame's own: from the rows if these have them, else from camera_matrix.csv."""
     pinholes = {row.number: row.pinhole for row in rows if row.pinhole is not None}
     size = color.sources[0].header()
     if pinholes:

@@ -27,7 +27,7 @@ class Tum:
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
         """The sequence in `root`; nothing is decoded.
 
-        Raises InputError for malformed tables, rows that lead outside the folder, and where no colour image has a
+        Raises InputError for malformed tables, for rows that point outside the folder, and if no colour image has a
         depth image within 20 ms.
         """
         found = find_frames(root, "rgb", "depth")
@@ -49,7 +49,7 @@ class Tum:
         )
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """The motion capture trajectory, where there is one."""
+        """The motion capture trajectory, if there is one."""
         if sequence.ground_truth_path is None:
             return None
         stamps = np.array([frame.timestamp_s for frame in sequence.frames])
