@@ -2,8 +2,8 @@
 
 images/000012.png is frame 12. sparse/ holds the model as text (world to camera), sparse/0/ the same in binary. Its
 points and tracks are those of the bundle adjustment; without landmarks.npz, a thinned cloud.ply without tracks.
-masks/000012.png.png, where pixels are to be ignored, is black there. stereo/depth_maps/000012.png.geometric.bin holds
-depth along the optical axis in metres, 0 = none.
+masks/000012.png.png exists if pixels are to be ignored, and is black there. stereo/depth_maps/000012.png.geometric.bin
+holds depth along the optical axis in metres, 0 = none.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MOST_POINTS = 100_000
 
 
 def write_colmap(model: Model, folder: Path) -> list[Path]:
-    """Write the workspace; returns the files of the model. Raises InputError for a frame that is not there."""
+    """Write the workspace; returns the files of the model. Raises InputError for a missing frame."""
     names = [f"{number:06d}.png" for number in model.frame_numbers]
     camera = model.recording.camera
     landmarks, T_cam_world = landmarks_of_images(model), se3.inverse(model.trajectory.T_world_cam)
@@ -41,7 +41,7 @@ def write_colmap(model: Model, folder: Path) -> list[Path]:
 
 
 def landmarks_of_images(model: Model) -> Landmarks:
-    """The landmarks as images of the trajectory see them, by its rows; only sightings within the images."""
+    """The landmarks by rows of the trajectory, with observations within the images only."""
     found, camera = model.results.landmarks, model.recording.camera
     rows = np.searchsorted(model.frame_numbers, found.frame).clip(0, len(model.frame_numbers) - 1)
     inside = (found.px > -0.5).all(axis=1) & (found.px < [camera.width - 0.5, camera.height - 0.5]).all(axis=1)
@@ -53,7 +53,7 @@ def landmarks_of_images(model: Model) -> Landmarks:
 def write_images(model: Model, folder: Path, names: list[str], landmarks: Landmarks) -> Bytes:
     """Undistorted colour as PNG, masks, and the depth that the run used in COLMAP's own format, one of each a pose.
 
-    Returns the colours (p, 3) of the landmarks: means over their sightings.
+    Returns the colours (p, 3) of the landmarks: means over their observations.
     """
     sequence = model.recording
     undistort, rim = undistorter(sequence.camera), ~imaged(sequence.camera)

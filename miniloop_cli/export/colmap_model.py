@@ -1,4 +1,4 @@
-"""A COLMAP model as text and in binary: cameras, images with what they see, points with their tracks.
+"""A COLMAP model as text and in binary: cameras, images with their observations, points with their tracks.
 
 COLMAP puts the centre of the first pixel at (0.5, 0.5), so its pixels are ours plus a half. There is one camera, a
 PINHOLE, with the number 1.
@@ -27,7 +27,7 @@ PINHOLE_NUMBER = 1  # of its camera models
 class ColmapModel:
     """Images: numbers (n,), names, T_cam_world (n, 4, 4); landmarks by rows of these images, colours and errors (p,).
 
-    `colors` (p, 3) RGB and `error_px` (p,) mean distances of the points' projections from where they were seen.
+    `colors` (p, 3) RGB and `error_px` (p,) mean distances of the points' projections from their observations.
     """
 
     camera: Camera
@@ -39,8 +39,8 @@ class ColmapModel:
     error_px: Floats
 
     def points_of_images(self) -> tuple[Ints, Ints, Ints]:
-        """Sightings in the order of images: their rows (k,), where those of each image begin (n + 1,), and the place
-        (k,) of each sighting, in the landmarks' own order, among those of its image."""
+        """Observations in the order of images: their rows (k,), the start of each image (n + 1,), and the index (k,) of
+        each observation, in the landmarks' order, among those of its image."""
         frame = self.landmarks.frame
         order = np.argsort(frame, kind="stable")
         start = np.searchsorted(frame[order], np.arange(len(self.names) + 1))
@@ -50,7 +50,7 @@ class ColmapModel:
 
 
 def reprojection_errors(landmarks: Landmarks, T_cam_world: Floats, camera: Camera) -> Floats:
-    """(p,) mean distance in pixels between the projections of the points and their sightings."""
+    """(p,) mean distance in pixels between the projections of the points and their observations."""
     T = T_cam_world[landmarks.frame]
     p_cam = np.einsum("kij,kj->ki", T[:, :3, :3], landmarks.points_world[landmarks.point]) + T[:, :3, 3]
     distance = np.linalg.norm(camera.project(p_cam) - landmarks.px, axis=1)

@@ -1,4 +1,4 @@
-"""Pieces of a surface that hang in the air: small ones are noise of the depth, not things."""
+"""Separate pieces of a surface: small ones are noise of the depth, not objects."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from scipy.sparse.csgraph import connected_components
 from miniloop_cli.export.mesh_model import Mesh, edges_of
 from miniloop_cli.typing import Floats, Ints
 
-MOST_OF_WHOLE = 0.1  # a piece as large as this share of the whole is no noise, whatever its size
+MOST_OF_WHOLE = 0.1  # a piece with this share of the whole is kept, for any size
 
 
 def without_floaters(mesh: Mesh, min_piece_m: float) -> tuple[Mesh, int]:
-    """The mesh without pieces whose bounding box has a diagonal shorter than `min_piece_m`, and how many these are.
+    """The mesh without pieces whose bounding box has a diagonal shorter than `min_piece_m`, and their number.
 
-    In a model that is small itself, pieces of a tenth of it stay.
+    In a small model, pieces of a tenth of it are kept.
     """
     if min_piece_m <= 0 or not len(mesh.triangles):
         return mesh, 0

@@ -1,6 +1,6 @@
-"""glTF 2.0 in one binary file (GLB), as the Khronos specification has it, without lighting: scans bring their own.
+"""glTF 2.0 in one binary file (GLB), by the Khronos specification, without lighting, which the colours contain.
 
-Positions are those of the world of trajectory.txt; the node's matrix turns them to glTF's axes, y up.
+Positions are those of the world of trajectory.txt; the node's matrix rotates them to glTF's axes, y up.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def glb(mesh: Mesh, T_up_world: Floats) -> bytes:
 
 
 class Buffers:
-    """The binary part of a file as it grows, each array at a multiple of four bytes, and what the JSON says of it."""
+    """The growing binary part of a file, each array at a multiple of four bytes, and its description for the JSON."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -96,7 +96,7 @@ class Buffers:
 
 
 def linear(colors: Bytes) -> NDArray[np.uint16]:
-    """(n, 4) colours of vertices, which glTF wants linear in light, of (n, 3) sRGB; opaque."""
+    """(n, 4) opaque vertex colours, linear in light as in glTF, from (n, 3) sRGB."""
     s = np.arange(256) / 255
     table = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
     rgba = np.full((len(colors), 4), 65535, np.uint16)

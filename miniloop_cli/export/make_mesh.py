@@ -1,4 +1,4 @@
-"""From a result to the mesh that its user wishes: fused, freed of floaters, closed, textured."""
+"""From a result to a mesh: fused, without small pieces, closed, textured, as requested."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.export.model import Model
 
 @dataclass(frozen=True)
 class Wishes:
-    """What kind of mesh: lengths in metres, memory of the fusion in MB, the texture's largest side in pixels."""
+    """Options of the mesh: lengths in metres, memory of the fusion in MB, the texture's largest side in pixels."""
 
     voxel_m: float = 0.01
     max_depth_m: float = 4.0
@@ -27,7 +27,7 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Made:
-    """The mesh, the surface as it was fused, and what its maker should know."""
+    """The mesh, the fused surface, and notes for the user."""
 
     mesh: Mesh
     surface: Surface
@@ -35,7 +35,7 @@ class Made:
 
 
 def make_mesh(model: Model, wishes: Wishes, quiet: bool = False) -> Made:
-    """The mesh of a result. Raises MiniloopError without open3d, or where nothing was seen."""
+    """The mesh of a result. Raises MiniloopError without open3d, or without any depth."""
     o3d, glimpses = import_open3d(), None
     if wishes.texture:
         from miniloop_cli.export.texture.glimpses import Glimpses

@@ -22,16 +22,16 @@ from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
 BLOCK = 16  # voxels a side
-# A block's voxels (distance and weight float32, colour 3 float32), and about as much again while the mesh is made.
+# The voxels of a block (distance and weight float32, colour 3 float32), and the same again while the mesh is made.
 BYTES_A_BLOCK = BLOCK**3 * 20 * 2
-COARSER = 1.5  # what the voxel size grows by where memory does not suffice
+COARSER = 1.5  # factor on the voxel size if memory does not suffice
 Observer = Callable[[int, Scan], None]  # takes a row of the trajectory and its undistorted scan
 SYSTEM_PACKAGES = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0"
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A coloured mesh, (n, 3) vertices (m), (n, 3) RGB, (m, 3) vertex numbers; its cloud; the voxel size it took."""
+    """A coloured mesh, (n, 3) vertices (m), (n, 3) RGB, (m, 3) vertex numbers; its cloud; the voxel size used."""
 
     vertices: Floats32
     colors: Bytes
@@ -45,7 +45,7 @@ class Surface:
 def import_open3d() -> ModuleType:
     """Open3D. Raises MiniloopError that names what to install."""
     try:
-        with uninterrupted():  # half loaded, it counts its memory as lost, and ends the process with status 1
+        with uninterrupted():  # half loaded, Open3D reports a memory leak and ends the process with status 1
             return importlib.import_module("open3d")
     except ModuleNotFoundError as error:
         raise MiniloopError(f"meshes need open3d ({error}): pip install open3d") from error
@@ -66,9 +66,9 @@ def fuse(
 ) -> Surface:
     """Fuse every registered scan. A voxel must be seen `min_weight` times to count.
 
-    Where the surface would need more than `memory_mb`, it is started again with voxels half as large again.
-    `observe` is shown every scan that is fused, again after such a start.
-    Raises MiniloopError if open3d cannot be imported or nothing was fused; frames that cannot be read are skipped.
+    If the surface needs more than `memory_mb`, the fusion starts again with voxels larger by COARSER.
+    `observe` gets every fused scan, again after such a restart.
+    Raises MiniloopError if open3d cannot be imported or nothing was fused; unreadable frames are skipped.
     """
     o3d = import_open3d()
     most_blocks = max(1, int(memory_mb * 1e6 / BYTES_A_BLOCK))
@@ -93,7 +93,7 @@ def fuse(
 
 
 def in_order(points: Any) -> tuple[Floats32, Bytes, Ints]:
-    """Positions (n, 3), colours (n, 3) and their order (n,), sorted: the order of Open3D's threads changes."""
+    """Positions (n, 3), colours (n, 3) and their order (n,), sorted, as the order of Open3D's threads varies."""
     positions, colors = points.positions.numpy(), to_bytes(points.colors.numpy())
     order = np.lexsort((*colors.T, *positions.T[::-1]))
     return positions[order], colors[order], order

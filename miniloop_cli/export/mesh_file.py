@@ -1,4 +1,4 @@
-"""A mesh as a file of the format that its name asks for."""
+"""A mesh as a file, in the format of its suffix."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ OTHER_SUFFIXES = tuple(".gltf .stl .off .fbx .dae .usd .usdz .3ds .x3d .3mf .vtk
 
 
 def write_mesh(path: Path, mesh: Mesh, T_up_world: Floats) -> list[Path]:
-    """Write the mesh and what belongs to it; returns the files. T_up_world (4, 4): for GLB, which has y up.
+    """Write the mesh with its material and texture; returns the files. T_up_world (4, 4): for GLB, which has y up.
 
-    OBJ and PLY stay in the world of trajectory.txt. Raises ValueError for another suffix.
+    OBJ and PLY are in the world of trajectory.txt. Raises ValueError for another suffix.
     """
     suffix = path.suffix.lower()
     if suffix == ".glb":

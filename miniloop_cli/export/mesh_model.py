@@ -1,4 +1,4 @@
-"""A triangle mesh as it is written to a file, coloured at its vertices or by a texture."""
+"""A triangle mesh for a file, coloured at its vertices or by a texture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Texture:
 class Mesh:
     """Vertices (n, 3) in metres in the world of trajectory.txt, their colours (n, 3) RGB, triangles (m, 3).
 
-    A textured mesh has a vertex as often as there are charts that meet in it.
+    In a textured mesh, a vertex is repeated for each of its charts.
     """
 
     vertices: Floats32
@@ -34,7 +34,7 @@ class Mesh:
     texture: Texture | None = None
 
     def subset(self, kept: Bools | Ints) -> Mesh:
-        """The triangles that are kept, a mask (m,) or their numbers, and their vertices.
+        """The kept triangles, a mask (m,) or numbers (k,), and their vertices.
 
         Raises ValueError for a mesh with a texture.
         """
@@ -76,7 +76,7 @@ def face_pairs(triangles: Triangles) -> Ints:
 
 
 def averaging(mesh: Mesh) -> csr_array:
-    """(n, n) float32 matrix that replaces each vertex' value by the mean of it and its neighbours."""
+    """(n, n) float32 matrix that replaces the value of each vertex by the mean of it and its neighbours."""
     edges, n = edges_of(mesh.triangles), len(mesh.vertices)
     ones = np.ones(len(edges), np.float32)
     joined = coo_array((ones, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()

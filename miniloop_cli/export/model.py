@@ -1,4 +1,4 @@
-"""What an export needs of a run: poses with their frame numbers, the pose graph, and where asked the recording."""
+"""The input of an export: poses with their frame numbers, the pose graph, and, if needed, the recording."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SAME_STAMP_S = 1e-4
 
 @dataclass(frozen=True)
 class Model:
-    """A results folder and, for formats that need images or the camera, its recording, or why it cannot be opened."""
+    """A results folder and, for formats that need images or the camera, its recording, or why it is not available."""
 
     results: Results
     sequence: Sequence | None = None
@@ -45,7 +45,7 @@ class Model:
 
     @cached_property
     def graph(self) -> PoseGraph:
-        """graph.g2o with the poses of trajectory.txt; without the file, a graph of poses only."""
+        """graph.g2o with the poses of trajectory.txt; without the file, a graph of poses only. Raises InputError."""
         path, T = self.results.root / "graph.g2o", self.trajectory.T_world_cam
         if not path.is_file():
             nothing = np.empty((0, 6, 6))
@@ -62,7 +62,7 @@ class Model:
 
     @cached_property
     def recording(self) -> Sequence:
-        """The sequence, with the depth that the run trusted. Raises InputError where it was not given."""
+        """The sequence, with the depth that the run used. Raises InputError if it is not available."""
         if self.sequence is None:
             why = f" ({self.problem})" if self.problem else ""
             raise InputError(f"this needs the images and the camera: give the recording with --sequence{why}")
@@ -78,7 +78,7 @@ class Model:
 
     @cached_property
     def depth_settings(self) -> Depth:
-        """Which depth the run used; the default without its config.yaml. Raises ConfigError where that is damaged."""
+        """The depth settings of the run; the default without its config.yaml. Raises ConfigError if that is damaged."""
         path = self.results.root / "config.yaml"
         return load_settings(path).depth if self.results.summary and path.is_file() else Depth()
 

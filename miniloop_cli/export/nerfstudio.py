@@ -1,7 +1,7 @@
 """nerfstudio's transforms.json: camera to world with OpenGL axes (x right, y up, z backward), depth paths and scale.
 
-A pixel whose mask is black is ignored; where one frame has a mask, all have, as its data parser demands. Its lenses are
-OpenCV's with k1 k2 k3 p1 p2, and the fisheye; for the rational lens the images are undistorted.
+A pixel whose mask is black is ignored; if one frame has a mask, all have, as its data parser requires. Its lenses are
+OpenCV's with k1 k2 k3 p1 p2, and the fisheye; for the rational lens, the images are undistorted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NOTE = (
 
 
 def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
-    """transforms.json, with paths from `folder` to the recording's own images where they are files; cloud.ply."""
+    """Write transforms.json, with paths from `folder` to the recording's images if they are files, and cloud.ply."""
     sequence = model.recording
     lens = nerfstudio_lens(sequence.camera.lens)
     camera = sequence.camera if lens else replace(sequence.camera, lens=PINHOLE)
@@ -96,7 +96,7 @@ def nerfstudio_lens(lens: Lens) -> dict[str, Any] | None:
 
 
 def color_path(model: Model, k: int, folder: Path) -> Path:
-    """The recording's colour image of frame k where it is a file that shows what the camera sees; else a copy."""
+    """The recording's colour image of frame k if it is an unmodified file; else a copy."""
     frame = model.recording.frames[k]
     if isinstance(frame.color, ImageFile) and frame.color.on_disk and not frame.color.upright and frame.camera is None:
         return frame.color.path
@@ -105,7 +105,7 @@ def color_path(model: Model, k: int, folder: Path) -> Path:
 
 
 def depth_path(model: Model, k: int, folder: Path) -> Path:
-    """The recording's depth image of frame k where it is a file that any reader understands; else a copy in depth/."""
+    """The recording's depth image of frame k if it is a file in a common format; else a copy in depth/."""
     sequence = model.recording
     frame = sequence.frames[k]
     plain = sequence.depth_format == DepthFormat() and frame.mask is frame.camera is sequence.depth_camera is None

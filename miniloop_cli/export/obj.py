@@ -1,4 +1,4 @@
-"""Wavefront OBJ with its material file and texture; without a texture, colours stand behind the vertices."""
+"""Wavefront OBJ with its material file and texture; without a texture, colours follow the vertices."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from miniloop_cli.export.mesh_model import Mesh
 from miniloop_cli.export.texture_image import jpeg
 from miniloop_cli.runtime.atomic_files import atomic_write
 
-ROWS = 50_000  # that are formatted at once
+ROWS = 50_000  # formatted at once
 HEAD = "# metres, world frame of trajectory.txt\n"
 MATERIAL = "newmtl scan\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {image}\n"
 
 
 def write_obj(path: Path, mesh: Mesh) -> list[Path]:
-    """The mesh, and beside it NAME.mtl and NAME.jpg where it has a texture; the OBJ last, as it names the others."""
+    """Write the mesh, and NAME.mtl and NAME.jpg if it has a texture; the OBJ last, as it names the others."""
     written, head = [path], HEAD
     if mesh.texture:
         stem = re.sub(r"\s", "_", path.stem)  # names end at a space in these files
@@ -44,13 +44,13 @@ def write_obj(path: Path, mesh: Mesh) -> list[Path]:
 
 
 def write_rows(file: Any, line: str, values: NDArray[Any]) -> None:
-    """A line a row of values (n, k)."""
+    """Write one line for each row of values (n, k)."""
     for start in range(0, len(values), ROWS):
         part = values[start : start + ROWS]
         file.write(line * len(part) % tuple(part.ravel().tolist()))
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """A file, whole or not at all."""
+    """Write a file completely or not at all."""
     with atomic_write(path, "wb") as file:
         file.write(data)

@@ -2,8 +2,8 @@
 
 Matrices are column-major lists. A trajectory's `extrinsic` is world to camera; a node's `pose` is camera to world;
 an edge's `transformation` maps points of the source scan into the target scan, with the information of
-(rotation, translation), rotation first. Lenses have no place in the format: for a camera with one, color/ and depth/
-hold undistorted images (000012.png is frame 12), and the trajectory's intrinsics are theirs.
+(rotation, translation), rotation first. The format has no lenses: for a camera with one, color/ and depth/ hold
+undistorted images (000012.png is frame 12), and the trajectory has their intrinsics.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def camera_trajectory(model: Model) -> dict[str, Any]:
 
 
 def pose_graph(model: Model) -> dict[str, Any]:
-    """A PoseGraph; all edges but those between neighbours in time are uncertain: the ones that Open3D may prune."""
+    """A PoseGraph; all edges except those between neighbours in time are uncertain, so that Open3D may prune them."""
     graph = model.graph
     nodes = [
         {"class_name": "PoseGraphNode", "pose": column_major(T), "frame": frame} | VERSION

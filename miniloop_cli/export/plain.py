@@ -1,4 +1,4 @@
-"""Poses for tools that want nothing else: TUM, KITTI, numpy, PLY, g2o."""
+"""Poses in simple formats: TUM, KITTI, numpy, PLY, g2o."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def write_tum(model: Model, folder: Path) -> list[Path]:
 
 
 def write_kitti(model: Model, folder: Path) -> list[Path]:
-    """poses.txt: the upper three rows of camera to world, row by row, as KITTI odometry has it; times.txt: seconds.
+    """poses.txt: the upper three rows of camera to world, row by row, as in KITTI odometry; times.txt: seconds.
 
-    The format has no room for comments. Its cameras look along z too (x right, y down).
+    The format has no comments. Its cameras also look along z (x right, y down).
     """
     poses, times = folder / "poses.txt", folder / "times.txt"
     with atomic_write(poses) as file:
@@ -66,7 +66,7 @@ def write_numpy(model: Model, folder: Path) -> list[Path]:
 
 
 def write_clouds(model: Model, folder: Path) -> list[Path]:
-    """cameras.ply: camera centres in order of time, blue to red; cloud.ply: the model, where the run has one."""
+    """cameras.ply: camera centres in order of time, blue to red; cloud.ply: the model, if the run has one."""
     cameras, cloud = folder / "cameras.ply", model.results.root / "cloud.ply"
     centres = model.trajectory.T_world_cam[:, :3, 3]
     share = np.linspace(0, 1, len(centres))[:, None]

@@ -1,4 +1,4 @@
-"""Scans as an ideal pinhole camera would have taken them, for tools without lens models, or without this one."""
+"""Scans as of an ideal pinhole camera, for tools without this lens model."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.typing import Bools
 
-OUTSIDE_PX = -1e4  # where the lens images nothing: far from any image
+OUTSIDE_PX = -1e4  # for pixels that the lens does not image
 
 
 def undistorter(camera: Camera) -> Callable[[Scan], Scan]:
     """A function from a measured scan to the scan of the ideal camera with the same K; the identity if it is ideal.
 
-    Depth takes the nearest pixel, so that none is made up between two surfaces; 0 where nothing was seen.
+    Depth is that of the nearest pixel, never interpolated between two surfaces; 0 where nothing was seen.
     """
     if camera.lens.ideal:
         return lambda scan: scan
@@ -43,7 +43,7 @@ def undistorter(camera: Camera) -> Callable[[Scan], Scan]:
 
 
 def imaged(camera: Camera) -> Bools:
-    """(h, w) whether the lens images a pixel of undistorted images: it leaves a rim black where it bends inwards."""
+    """(h, w) whether the lens images each pixel of undistorted images; barrel distortion leaves a black border."""
     white = np.full((camera.height, camera.width, 3), 255, np.uint8)
     seen: Bools = undistorter(camera)(Scan(white, np.zeros(white.shape[:2], np.float32))).color[..., 0] == 255
     return seen
@@ -55,12 +55,12 @@ def write_color(path: Path, scan: Scan) -> Path:
 
 
 def stored_scale(sequence: Sequence) -> float:
-    """Units a metre of the depth images: millimetres where the recording's are floating-point."""
+    """Units a metre of the depth images: millimetres if the recording's are floating-point."""
     return 1000.0 if sequence.depth_format.floating else sequence.camera.depth_scale
 
 
 def write_depth(path: Path, scan: Scan, depth_scale: float) -> Path:
-    """Write the depth of a scan as a 16-bit PNG file, in units a metre; 0 where there is none, or too far."""
+    """Write the depth of a scan as a 16-bit PNG file, in units a metre; 0 where there is none, or it is too far."""
     stored = np.rint(scan.depth_m * depth_scale)
     return write_png(path, np.where(stored < 1 << 16, stored, 0).astype(np.uint16))
 

@@ -1,4 +1,4 @@
-"""The first section of the page: did it work, how far it can be trusted, and what to try where it did not."""
+"""The first section of the page: the outcome, how far it can be trusted, and advice."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def assess(data: ReportData, evaluation: Evaluation | None) -> Assessment:
-    """The assessment of a run; where it did not simply work, with what is wrong with the recording."""
+    """The assessment of a run; if it is not good, with the findings on the recording."""
     found = judge(data.columns, evaluation)
     return found if found.level == Level.GOOD else replace(found, findings=recording_findings(data))
 
 
 def recording_findings(data: ReportData) -> tuple[Finding, ...]:
-    """What `miniloop inspect` finds wrong with the recording, with the camera of this run; nothing without it."""
+    """The findings of `miniloop inspect` on the recording, with the camera of this run; none without the recording."""
     if data.sequence is None:
         return ()
     from miniloop_cli.inspection.inspect import inspect

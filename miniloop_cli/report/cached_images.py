@@ -1,4 +1,4 @@
-"""Pictures of the model and of edges as JPEG files in memory, kept as everything else that is made."""
+"""Pictures of the model and of edges as JPEG files in memory, cached as other artefacts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
 
 PICTURES = Artifact("pictures", 2)
-QUALITY = 65  # of what a page carries
+QUALITY = 65  # of the images in a page
 FARTHEST_M = 1e6
 VIEWS_DEG = ((0, 0), (25, 30))  # yaw, pitch
 SIZE = (960, 640)
@@ -22,10 +22,10 @@ FEWEST_POINTS = 10
 
 
 def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int, list[Bytes]]:
-    """How many points a PLY file has, and its pictures as JPEG, one from each of `VIEWS_DEG`; none of an empty cloud.
+    """Number of points of a PLY file, and its pictures as JPEG, one for each of `VIEWS_DEG`; none of an empty cloud.
 
-    `T_world_cam` (n, 4, 4): the cameras, whose mean direction the views are turned from. Raises InputError where the
-    file cannot be read.
+    `T_world_cam` (n, 4, 4): the cameras, whose mean direction is that of the first view. Raises InputError if the file
+    cannot be read.
     """
 
     def drawn() -> Arrays:
@@ -44,7 +44,7 @@ def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int,
 
 
 def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, store: Store) -> Bytes | None:
-    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None where an image cannot be had."""
+    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None if an image cannot be read."""
 
     def drawn() -> Arrays:
         picture = match_picture(sequence, i, j, px_i, px_j)

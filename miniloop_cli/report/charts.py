@@ -26,7 +26,7 @@ KINDS |= {"planar4": 4, "planar3": 3, "planar2": 2, "guided": 1}
 
 
 def named(solver: str) -> str:
-    """A solver as a reader knows it: "5-cycle", "pair"; names that are not known as they are."""
+    """A solver for readers: "5-cycle", "pair"; unknown names are unchanged."""
     scans = KINDS.get(solver)
     if scans is None or scans == 1:
         return solver or "unknown"
@@ -41,7 +41,7 @@ def frame_numbers(frames: Frames, trajectory: Trajectory) -> Ints:
 
 
 def trajectory_charts(data: ReportData, trajectory: Trajectory, evaluation: Evaluation | None) -> list[Chart]:
-    """Top and side view; with a ground truth in its world, with the true path beneath."""
+    """Top and side view; with a ground truth in its world, over the true path."""
     if evaluation:
         positions, truth, views = evaluation.T_aligned[:, :3, 3], evaluation.T_true[:, :3, 3], WORLD_VIEWS
         shown = Trajectory(evaluation.timestamps_s, evaluation.T_aligned)
@@ -109,7 +109,7 @@ def overlap_graph(edges: Edges, n: int, registered: Bools) -> Graph:
     chords: dict[str, list[str]] = {}
     for k in inside:
         a, b = edges.i[k], edges.j[k]
-        # Bent towards the centre, so that neighbours stay visible on the rim.
+        # Curved towards the centre, so that chords of neighbours are visible.
         bend = f"{(x[a] + x[b] + size) / 4:.0f} {(y[a] + y[b] + size) / 4:.0f}"
         chords.setdefault(edges.solver[k], []).append(f"M{x[a]:.0f} {y[a]:.0f}Q{bend} {x[b]:.0f} {y[b]:.0f}")
     order = sorted(chords, key=lambda name: (KINDS.get(name, 0), name))
@@ -167,7 +167,7 @@ def frame_charts(frames: Frames) -> list[Chart]:
 
 
 def residual_chart(edges: Edges) -> Chart | None:
-    """Residual of every verified edge, rotation against translation; None where there is none."""
+    """Residual of every verified edge, rotation against translation; None if there is none."""
     kept = edges.worst_first
     if not len(kept):
         return None

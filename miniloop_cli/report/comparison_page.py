@@ -22,7 +22,7 @@ Row = tuple[str, str, str]
 
 
 def rows(found: Comparison) -> list[Row]:
-    """The table: what, of the first, of the second."""
+    """The table: quantity, first, second."""
     errors: list[tuple[str, str]] = []
     if any(found.errors):
         errors = [("position error, RMSE", "ate_rmse_m"), ("position error, largest", "ate_max_m")]
@@ -39,7 +39,7 @@ def rows(found: Comparison) -> list[Row]:
 
 
 def differences(found: Comparison) -> list[str]:
-    """In sentences: how far the two are apart, and where most."""
+    """Sentences: by how much the two differ, and where most."""
     cm, deg = 100 * found.distances_m, found.angles_deg
     rmse = float(np.sqrt((cm**2).mean()))
     said = [
@@ -73,7 +73,7 @@ def _seconds(side: Side) -> str:
 
 
 def write_comparison(found: Comparison, shown: ReportData, path: Path, store: Store) -> Path:
-    """Write the page. `shown`: the first result, with its recording where that can be had."""
+    """Write the page. `shown`: the first result, with its recording, if available."""
     view = embedded(shown, found.errors[0], store)
     if view is not None:
         _add_second(view["scene"], found)
@@ -99,7 +99,7 @@ def _add_second(scene: dict[str, Any], found: Comparison) -> None:
     count = len(scene["frames"]["pose"])
     positions: list[list[float] | None] = [None] * count
     apart = np.full(count, np.nan)
-    # The first stands as truth in `laid`; its own world is that of its trajectory, which was not moved.
+    # The first is the ground truth in `laid`; its world is that of its trajectory, which was not moved.
     for k, T, distance_m in zip(found.frames.tolist(), found.laid.T_aligned, found.distances_m, strict=True):
         positions[k], apart[k] = rounded(T[:3, 3], 5), distance_m
     scene["other"] = {"name": found.second.name, "positions": positions}
@@ -109,7 +109,7 @@ def _add_second(scene: dict[str, Any], found: Comparison) -> None:
 
 
 def _add_edges(edges: dict[str, Any], found: Comparison, second: ReportData) -> None:
-    """Each edge of the first with who has it, and those that only the second has."""
+    """Mark each edge of the first by who has it, and add those that only the second has."""
     first_only, second_only = found.only
     edges["origins"] = ["both, or not verified", f"only {found.first.name}", f"only {found.second.name}"]
     pairs = zip(edges["i"], edges["j"], strict=True)
@@ -120,7 +120,7 @@ def _add_edges(edges: dict[str, Any], found: Comparison, second: ReportData) -> 
     number = edges["verdicts"].index("verified")
     for i, j in sorted(second_only):
         row = by_pair[i, j]
-        if (i, j) in held:  # the first has it too, but does not believe it
+        if (i, j) in held:  # the first has it as well, but not verified
             edges["origin"][list(zip(edges["i"], edges["j"], strict=True)).index((i, j))] = 2
             continue
         solver = second.edges.solver[row]

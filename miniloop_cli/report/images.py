@@ -12,7 +12,7 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
 
-MAX_LINES = 120  # more hide the images
+MAX_LINES = 120  # more lines hide the images
 
 
 def jpeg(rgb: Bytes, quality: int = 82) -> Bytes:
@@ -52,7 +52,7 @@ def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats
     keep = np.unique(np.linspace(0, len(px_i) - 1, min(MAX_LINES, len(px_i))).round().astype(int))
     hues = np.linspace(0, 150, max(len(keep), 1)).astype(np.uint8)
     paint = cv2.cvtColor(np.stack([hues, np.full_like(hues, 230), np.full_like(hues, 255)], 1)[None], cv2.COLOR_HSV2RGB)
-    # A colour for each height in the left image, so that lines that cross the others stand out.
+    # The colour depends on the height in the left image, so that lines that cross others are visible.
     for rank, k in enumerate(sorted(keep, key=lambda k: px_i[k, 1])):
         a = px_i[k] * left[1]
         b = px_j[k] * right[1] + [width, 0]

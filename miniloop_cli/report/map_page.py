@@ -1,4 +1,4 @@
-"""`write_map_page`: one self-contained page of a map: its recordings, which hang together, and by what."""
+"""`write_map_page`: one self-contained page of a map: its recordings and their joints."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.scene_map import SceneMap
 from miniloop_cli.version import __version__
 
-MOST_JOINS = 600  # lines that show what joins recordings: more only fill the picture
-COLOURS = 6  # classes of lines; with more recordings they come again
+MOST_JOINS = 600  # lines of edges between recordings: more only fill the picture
+COLOURS = 6  # classes of lines, repeated for more recordings
 
 
 def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any], store: Store) -> Path:
-    """Write `report.html` into the folder of a map of several recordings; `numbers`: what its summary.json says.
+    """Write `report.html` into the folder of a map of several recordings; `numbers`: its summary.json.
 
-    Images are those of the recordings that can still be opened. Raises InputError for files that are malformed.
+    Images are from recordings that can be opened. Raises InputError for malformed files.
     """
     numbered = [recording | {"number": k} for k, recording in enumerate(numbers["recordings"])]
     pieces = [[r for r in numbered if r["piece"] == piece] for piece in range(numbers["pieces"])]
@@ -52,7 +52,7 @@ def write_map_page(result: Path, scene_map: SceneMap, numbers: Mapping[str, Any]
 
 
 def _charts(scene_map: SceneMap, piece: int) -> list[Chart]:
-    """Top and side view of the trajectories of a piece, and of what joins them."""
+    """Top and side view of the trajectories of a piece, and of the edges that join them."""
     of_piece = np.flatnonzero(scene_map.joined.piece == piece).tolist()
     tracks = {r: T[:, :3, 3] for r, T in enumerate(map_trajectories(scene_map)) if r in of_piece}
     everything = np.concatenate(list(tracks.values()))

@@ -18,9 +18,9 @@ from miniloop_cli.version import __version__
 def write_report(data: ReportData, store: Store) -> Path:
     """Write `report.html` into the results folder that `data` was read from, and return its path.
 
-    A sequence in `data` adds images of the frames and, where the recording has one, the ground truth. Files that are
-    missing from the folder leave their sections out; a run without any pose still gets its verdict. Pictures are kept
-    in `store`. Raises InputError for files that are malformed.
+    A sequence in `data` adds images of the frames and, if there is one, the ground truth. Sections of missing files are
+    left out; a run without poses still gets its verdict. Pictures are cached in `store`. Raises InputError for
+    malformed files.
     """
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)

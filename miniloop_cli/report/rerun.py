@@ -34,7 +34,7 @@ COLORS = {
 }
 GREY = (140, 147, 157)
 WANTED = "'miniloop[viz]'"
-DEPTH_STRIDE = 4  # depth is shown in space; the cloud has the detail
+DEPTH_STRIDE = 4  # depth is shown in space, but the details are in the cloud
 JPEG_QUALITY = 80
 
 
@@ -75,7 +75,7 @@ def write_rerun(run: Registration, results: Path, path: Path) -> Path:
 
 
 def blueprint(rr: ModuleType) -> Any:
-    """What the viewer shows first: space beside the image, the counts below."""
+    """The initial layout of the viewer: space beside the image, the counts below."""
     views = importlib.import_module("rerun.blueprint")
     side = views.Vertical(
         views.Spatial2DView(origin="world/camera/image", name="image"),
@@ -88,7 +88,7 @@ def blueprint(rr: ModuleType) -> Any:
 
 
 def log_model(rr: ModuleType, stream: Any, run: Registration, results: Path) -> None:
-    """What does not change over time: axes, cloud, path."""
+    """Log the parts that do not change over time: axes, cloud, path."""
     stream.log("world", rr.ViewCoordinates.RDF, static=True)
     positions = run.poses.T_world_cam[run.poses.registered, :3, 3]
     stream.log("world/path", rr.LineStrips3D([positions], colors=[GREY]), static=True)
@@ -100,7 +100,7 @@ def log_model(rr: ModuleType, stream: Any, run: Registration, results: Path) -> 
 
 
 def log_frames(rr: ModuleType, stream: Any, run: Registration) -> None:
-    """Frame after frame: camera, image, depth, the edges to earlier frames, and what went wrong."""
+    """Log frame after frame: camera, image, depth, the edges to earlier frames, and problems."""
     undistort, T = undistorter(run.sequence.camera), run.poses.T_world_cam
     used = run.edges.subset(run.edges.verified & run.poses.joins(run.edges))
     start_s = run.sequence.frames[0].timestamp_s

@@ -26,7 +26,7 @@ class View:
 
     def project(self, points_world: NDArray[np.floating]) -> tuple[Floats32, Floats32]:
         """(n, 3) points to (n, 2) pixels and (n,) depths (m); depths at most 0 are behind the view."""
-        T = self.T_view_world.astype(np.float32)  # enough for pixels, and three times as fast
+        T = self.T_view_world.astype(np.float32)  # precise enough for pixels, and faster
         p: Floats32 = np.asarray(points_world, np.float32) @ np.ascontiguousarray(T[:3, :3].T) + T[:3, 3]
         z: Floats32 = np.where(p[:, 2] > NEAR_M, p[:, 2], np.float32(np.nan))
         centre = np.array([(self.width - 1) / 2, (self.height - 1) / 2], np.float32)
@@ -36,7 +36,7 @@ class View:
 def overview(
     points: NDArray[np.floating], T_world_cam: Floats, yaw_deg: float, pitch_deg: float, view: tuple[int, int]
 ) -> View:
-    """A view of points (p, 3), turned from the mean direction of the cameras (n, 4, 4) about their mean vertical.
+    """A view of points (p, 3), rotated from the mean direction of the cameras (n, 4, 4) about their mean vertical.
 
     The 3rd to 97th percentile of the points fits the picture, so a few stray points do not make it small.
     """
@@ -58,11 +58,11 @@ def render(points: NDArray[np.floating], colors: Bytes, view: View, point_m: flo
     px, z = view.project(points)
     side = np.clip(np.ceil(view.focal_px * point_m / np.maximum(z, NEAR_M)), 1, LARGEST_PX)
     corner = np.floor(px - (side[:, None] - 1) / 2 + 0.5)
-    # The canvas has a margin as wide as the largest square, so that no square needs clipping.
+    # The canvas has a margin of the largest square, so that no square needs clipping.
     stride, canvas = view.width + 2 * LARGEST_PX, (view.height + 2 * LARGEST_PX) * (view.width + 2 * LARGEST_PX)
     size = np.array([view.width, view.height])
     rows = np.flatnonzero((z > NEAR_M) & (corner > -LARGEST_PX).all(axis=1) & (corner < size).all(axis=1))
-    rows = rows[np.argsort(-z[rows], kind="stable")]  # far to near: the last to be written is the nearest
+    rows = rows[np.argsort(-z[rows], kind="stable")]  # far to near, so that the nearest is written last
     z, side = z[rows], side[rows].astype(np.int8)
     at = ((corner[rows] + LARGEST_PX) @ [1, stride]).astype(np.int32)
     winner, order = np.full(canvas, -1, np.int32), np.arange(len(rows), dtype=np.int32)
@@ -71,7 +71,7 @@ def render(points: NDArray[np.floating], colors: Bytes, view: View, point_m: flo
         order, at, side = order[larger], at[larger], side[larger]
         for dx, dy in [(extent, k) for k in range(extent + 1)] + [(k, extent) for k in range(extent)]:
             pixels = at + np.int32(dx + dy * stride)
-            winner[pixels] = np.maximum(winner[pixels], order)  # of equal pixels the last, the largest, stays
+            winner[pixels] = np.maximum(winner[pixels], order)  # for equal pixels, the largest (last) remains
     winner = winner.reshape(-1, stride)[LARGEST_PX:-LARGEST_PX, LARGEST_PX:-LARGEST_PX]
     if not len(rows):
         return np.broadcast_to(BACKGROUND, (view.height, view.width, 3)).copy()

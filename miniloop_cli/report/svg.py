@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from miniloop_cli.typing import Floats, Ints
 
-MOST_DOTS = 1000  # of one kind in a chart: more lie on each other, and make a page slow
+MOST_DOTS = 1000  # of one kind in a chart: more overlap, and make a page slow
 
 LEFT, RIGHT, TOP, BOTTOM = 60, 12, 26, 42  # margins around the plotting area (px)
 
@@ -35,7 +35,7 @@ def limits(*series: Floats, margin: float = 0.05) -> tuple[float, float]:
 
 
 def tenths(values: ArrayLike) -> list[float]:
-    """(n,) pixels as numbers with one decimal, which is finer than a screen shows."""
+    """(n,) pixels as numbers with one decimal, finer than a screen."""
     return np.round(np.ravel(values), 1).tolist()
 
 
@@ -48,14 +48,14 @@ def spread(count: int, most: int) -> Ints:
 
 @dataclass
 class Chart:
-    """A pair of axes in user units and what lies in them, in pixels: images, above them lines, on top circles."""
+    """A pair of axes in user units, and their content in pixels: images, above them lines, on top circles."""
 
     title: str
     x_range: tuple[float, float]
     y_range: tuple[float, float]
     x_label: str = ""
     y_label: str = ""
-    equal: bool = False  # one unit is as long on both axes
+    equal: bool = False  # equal scales on both axes
     down: bool = False  # y grows downwards, as rows of a matrix
     width: int = 460
     height: int = 340
@@ -101,7 +101,7 @@ class Chart:
                 self.lines.append((css, " ".join(f"{u[k]:.1f},{v[k]:.1f}" for k in rows)))
 
     def dots(self, x: Floats, y: Floats, css: str, tips: Sequence[str], radius: float = 2.5) -> None:
-        """Circles at x (n,), y (n,) with tooltips, evenly spaced ones of very many; those not finite are left out."""
+        """Circles at x (n,), y (n,) with tooltips, evenly spaced ones if there are too many; not at NaN or infinity."""
         u, v = self.place(x, y)
         known = np.flatnonzero(np.isfinite(u) & np.isfinite(v))
         rows = known[spread(len(known), MOST_DOTS)]

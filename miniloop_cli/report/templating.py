@@ -1,4 +1,4 @@
-"""The templates of the page: Python gives them plain values, and they alone make markup of it."""
+"""The templates of the page; Python gives them plain values, and only they contain markup."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 @cache
 def environment() -> Environment:
-    """The templates of this package: every value is escaped, and a name that is not given is an error."""
-    # Imported here, so that commands that write no report do not wait for it.
+    """The templates of this package: every value is escaped, and a missing name is an error."""
+    # Imported here, so that commands without a report start faster.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     templates = Environment(
@@ -28,7 +28,7 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> str:
-    """A template of this package, filled in. Raises jinja2.UndefinedError for a value that is not given."""
+    """A template of this package, filled in. Raises jinja2.UndefinedError for a missing value."""
     return environment().get_template(template).render(values)
 
 

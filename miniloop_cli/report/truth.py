@@ -1,4 +1,4 @@
-"""The ground truth of a recording, for pages that show it where there is one."""
+"""The ground truth of a recording, for pages that show it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from miniloop_cli.scene.sequence import Trajectory
 
 
 def against_truth(data: ReportData, trajectory: Trajectory | None) -> Evaluation | None:
-    """The evaluation, where the recording has a ground truth that fits; a bad ground truth does not spoil a page."""
+    """The evaluation, if the recording has a matching ground truth; an invalid one is ignored."""
     if trajectory is None or data.sequence is None:
         return None
     try:

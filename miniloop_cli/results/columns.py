@@ -1,4 +1,4 @@
-"""What the report shows, read from a results folder into arrays; a missing file or column is empty, not an error."""
+"""The tables of a results folder as arrays, for the report; a missing file or column is empty, not an error."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Edges:
 
     @cached_property
     def verified(self) -> Bools:
-        """(m,) whether an edge belongs to the graph that the poses rest on."""
+        """(m,) whether an edge belongs to the graph that determines the poses."""
         return np.array([text in (Verdict.VERIFIED.label, "") for text in self.verdict], bool)
 
     @cached_property
@@ -88,7 +88,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class RunColumns:
-    """A run as its tables tell of it, and the notes on its recording and on what is known beside the images."""
+    """The tables of a run, and the notes on its recording and its priors."""
 
     edges: Edges
     frames: Frames
@@ -101,10 +101,10 @@ class RunColumns:
 
 @dataclass(frozen=True)
 class ReportData:
-    """A run, ready to be shown. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j.
+    """A run, loaded for display. `inlier_px`: edge number to the (k, 2) measured pixels of its inliers in i and in j.
 
     `covariance` (n, 6, 6): of every frame's (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], NaN where it is not
-    known; None without the file. `rejected_px`: of rejected edges some matches, as `read_rejected` gives them.
+    known; None without the file. `rejected_px`: some matches of rejected edges, from `read_rejected`.
     """
 
     results: Results
@@ -125,11 +125,11 @@ class ReportData:
 
     @property
     def columns(self) -> RunColumns:
-        """What the tables tell."""
+        """The tables as columns."""
         return RunColumns(self.edges, self.frames, self._notes())
 
     def _notes(self) -> list[Note]:
-        """The notes of the summary, without what is none in it: others may have changed the file."""
+        """The valid notes of the summary, as others may have changed the file."""
         found = self.summary.get("notes")
         rows = [row for row in found if isinstance(row, dict)] if isinstance(found, list) else []
         pairs = [(row.get("kind"), row.get("text")) for row in rows]
@@ -145,7 +145,7 @@ class ReportData:
 
 
 def load(results_dir: Path, sequence: Recording | None = None) -> ReportData:
-    """Read a results folder. Raises InputError where a file in it is malformed."""
+    """Read a results folder. Raises InputError if a file in it is malformed."""
     results = Results(Path(results_dir))
     edges, frames = read_edges(results), read_frames(results)
     if len(edges) and max(edges.i.max(), edges.j.max()) >= len(frames):
@@ -178,7 +178,7 @@ def edge_columns(rows: Rows, path: Path) -> Edges:
 
 
 def read_frames(results: Results) -> Frames:
-    """frames.csv as columns; without it, the frames of the trajectory, of which nothing else is known."""
+    """frames.csv as columns; without it, the frames of the trajectory, with other columns empty."""
     rows, path = results.frames, results.root / "frames.csv"
     if not rows:
         stamps_s = results.trajectory.timestamps_s
@@ -206,7 +206,7 @@ def frame_columns(rows: Rows, path: Path, stamps_s: Floats) -> Frames:
 
 
 def texts(rows: Rows, name: str) -> list[str]:
-    """A column as it stands in the file, "" where it is missing."""
+    """A column as text, "" where it is missing."""
     return [row.get(name, "") for row in rows]
 
 

@@ -21,8 +21,8 @@ from miniloop_cli.scene.interpolation import nearest
 from miniloop_cli.scene.sequence import Sequence, Trajectory
 from miniloop_cli.typing import Floats, Ints
 
-FARTHEST_SHARE = 0.05  # of the poses: where two results differ most
-SCALE_OFF = 0.02  # a scale that differs more is told
+FARTHEST_SHARE = 0.05  # of the poses: those that differ most
+SCALE_OFF = 0.02  # a scale that differs by more is reported
 Pair = tuple[int, int]
 
 
@@ -37,10 +37,10 @@ class Side:
 
 @dataclass(frozen=True)
 class Comparison:
-    """`laid`: the second's poses aligned to the first, which stands as truth in it. Truth errors where there are any.
+    """`laid`: the second's poses aligned to the first, which is its ground truth. Errors if there is a ground truth.
 
-    `scale`: by how much the second is larger than the first where that is free; `settings`: key, first's, second's;
-    `only` (2,): verified edges that one has and the other has not, by frame numbers of the first.
+    `scale`: of the second relative to the first, if it is free; `settings`: key, first's value, second's value;
+    `only` (2,): verified edges that only one of them has, by frame numbers of the first.
     """
 
     first: Side
@@ -55,12 +55,12 @@ class Comparison:
 
     @property
     def distances_m(self) -> Floats:
-        """(k,) between the two positions of each compared pose."""
+        """(k,) distances between the two positions of each compared pose."""
         return self.laid.position_errors_m
 
     @property
     def angles_deg(self) -> Floats:
-        """(k,) between the two rotations of each compared pose."""
+        """(k,) angles between the two rotations of each compared pose."""
         R = np.swapaxes(self.laid.T_true[:, :3, :3], 1, 2) @ self.laid.T_aligned[:, :3, :3]
         return se3.rotation_angle_deg(R)
 
@@ -74,7 +74,8 @@ class Comparison:
 def read_side(path: Path, name: str, frames: ReportData | None = None, recording: Sequence | None = None) -> Side:
     """A results folder, or a trajectory: TUM, KITTI ... (`docs/recordings.md`), a COLMAP model, a transforms.json.
 
-    `frames`: the result whose frames the poses are of; `recording`: its recording, whose images lend their names.
+    `frames`: the result with the frames of the poses; `recording`: its recording, for the names of its images. Raises
+    InputError.
     """
     named = None if (path / "trajectory.txt").is_file() else read_named_poses(path)
     if named is not None:
@@ -93,7 +94,7 @@ def read_side(path: Path, name: str, frames: ReportData | None = None, recording
 
 
 def compare(first: Side, second: Side, truth: Path | None = None, with_scale: bool = False) -> Comparison:
-    """Lay the second over the first. Raises MiniloopError where they have too few poses at the same times."""
+    """Align the second to the first. Raises MiniloopError if they have too few poses at the same times."""
     protocol = Protocol("Sim3" if with_scale else "SE3")
     try:
         laid = evaluate(second.trajectory, first.trajectory, protocol=protocol)
@@ -123,7 +124,7 @@ def _error(side: Side, truth: Path | None, protocol: Protocol) -> Evaluation | N
 
 
 def _verified(side: Side, stamps_s: Floats) -> frozenset[Pair]:
-    """Verified edges, by the numbers of the frames of the first result that have their stamps."""
+    """Verified edges, by the numbers of the first result's frames with their stamps."""
     if side.run is None:
         return frozenset()
     edges, own_s = side.run.edges, side.run.frames.timestamp_s

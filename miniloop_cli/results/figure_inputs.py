@@ -23,10 +23,10 @@ Figure = tuple[list[Line], Floats | None, Panel]
 def figure_lines(
     sources: list[Path], truth: Path | None, with_scale: bool = False, follow_links: bool = False
 ) -> Figure:
-    """Lines, the true path (n, 3) where there is one, and what the values are.
+    """Lines, the true path (n, 3) if there is one, and the quantity of the values.
 
-    With a ground truth every trajectory is aligned to it; several without one are aligned to the first, and a single
-    one shows its speed. Raises MiniloopError where they have no time in common.
+    With a ground truth, every trajectory is aligned to it; without one, several are aligned to the first, and a single
+    one shows its speed. Raises MiniloopError if they have no time in common.
     """
     names = labels(sources)
     protocol = Protocol("Sim3" if with_scale else "SE3")
@@ -48,7 +48,7 @@ def figure_lines(
 
 
 def labels(sources: list[Path]) -> list[str]:
-    """The shortest ends of the paths that tell them apart."""
+    """The shortest ends of the paths that are different."""
     parts = [path.resolve().parts for path in sources]
     for length in range(1, max(map(len, parts)) + 1):
         ends = ["/".join(part[-length:]) for part in parts]

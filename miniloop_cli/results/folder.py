@@ -20,7 +20,7 @@ from miniloop_cli.scene.sequence import Trajectory
 from miniloop_cli.typing import Floats
 
 RESULTS_ROOT = Path("results")
-LARGEST = 1e12  # no number of a run comes near
+LARGEST = 1e12  # larger numbers are damage
 
 
 def newest_result(root: Path = RESULTS_ROOT) -> Path:
@@ -56,8 +56,8 @@ class Results:
         return read_camera_file(path) if path.is_file() else None
 
     def check_camera(self) -> None:
-        """Raise InputError or ConfigError where a run's camera.yaml is damaged, for who does not need it otherwise."""
-        if self.summary:  # else the folder is of another program, and so may its camera.yaml be
+        """Raise InputError or ConfigError if a run's camera.yaml is damaged, for callers that do not read it."""
+        if self.summary:  # else the folder and its camera.yaml may be of another program
             _ = self.camera
 
     @cached_property
@@ -130,7 +130,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def column(rows: Sequence[dict[str, str]], name: str, path: Path) -> Floats:
-    """(n,) a column as numbers, NaN where it is missing, empty or absurd. Raises InputError for what is no number."""
+    """(n,) a column as numbers, NaN where it is missing, empty or too large. Raises InputError for other text."""
     try:
         values = np.array([float(row.get(name) or "nan") for row in rows], float)
     except ValueError as error:
@@ -139,7 +139,7 @@ def column(rows: Sequence[dict[str, str]], name: str, path: Path) -> Floats:
 
 
 def edge_stamps(rows: list[dict[str, str]], path: Path) -> Floats:
-    """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows where there is no verdict."""
+    """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows without a verdict."""
     stamps = np.stack([column(rows, f"timestamp_{end}", path) for end in "ij"], axis=1)
     verified = np.array([row.get("verdict", "verified") == "verified" for row in rows], bool)
     if np.isnan(stamps).any():
@@ -148,6 +148,6 @@ def edge_stamps(rows: list[dict[str, str]], path: Path) -> Floats:
 
 
 def read_edge_list(path: Path, frame_stamps_s: Floats) -> Floats:
-    """(e, 2) time stamps of a plain list of edges (`scans.pairs`). Raises InputError for a line that is none."""
+    """(e, 2) time stamps of a plain list of edges (`scans.pairs`). Raises InputError for a malformed line."""
     pairs = read_pairs(path, len(frame_stamps_s))
     return frame_stamps_s[np.array(pairs, np.int64).reshape(-1, 2)]

@@ -3,7 +3,7 @@
 VERTEX_SE3:QUAT id x y z qx qy qz qw: camera to world. EDGE_SE3:QUAT i j x y z qx qy qz qw I11 I12 ... I66: the pose
 of camera j in camera i, T_i_j, and the upper triangle of its information, translation before rotation. The
 information refers to the translation (m) and the rotation vector (rad) of the residual T_i_j(measured)^-1 T_i_j,
-which is what gtsam and Ceres take; g2o itself takes half the rotation vector (the imaginary part of a quaternion).
+as in gtsam and Ceres; g2o itself uses half the rotation vector (the imaginary part of a quaternion).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def write_g2o(
 
 
 def pose_rows(T: Floats) -> list[str]:
-    """(n, 4, 4) poses as "x y z qx qy qz qw", to a nanometre and a nanoradian: the same wherever they were computed."""
+    """(n, 4, 4) poses as "x y z qx qy qz qw", to a nanometre and a nanoradian, the same on all machines."""
     return _lines(np.round(se3.to_rows(T), 9) + 0.0, 12)  # and zero has one sign
 
 
@@ -73,7 +73,7 @@ def _lines(numbers: Floats, digits: int) -> list[str]:
 
 
 def read_g2o(path: Path) -> PoseGraph:
-    """Read a 3D pose graph; other kinds of lines are passed over.
+    """Read a 3D pose graph; other kinds of lines are ignored.
 
     Raises InputError naming the line for malformed numbers, a zero quaternion, and edges to unknown vertices.
     """

@@ -1,4 +1,4 @@
-"""landmarks.npz of a results folder: the points of the bundle adjustment and their sightings."""
+"""landmarks.npz of a results folder: the points of the bundle adjustment and their observations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.scene.landmarks import NO_LANDMARKS, Landmarks
 
 
 def write_landmarks(path: Path, landmarks: Landmarks) -> None:
-    """Points (p, 3) and sightings (k,), as arrays."""
+    """Write points (p, 3) and observations (k,) as arrays."""
     with atomic_write(path, "wb") as file:
         np.savez(
             file, points=landmarks.points_world, point=landmarks.point, frame=landmarks.frame, px_ideal=landmarks.px
@@ -20,7 +20,7 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
 
 
 def read_landmarks(path: Path) -> Landmarks:
-    """What `write_landmarks` wrote; none without the file. Raises InputError for anything else."""
+    """The landmarks of the file; none without it. Raises InputError for a damaged file."""
     if not path.is_file():
         return NO_LANDMARKS
     with stored_arrays(path, "points", "point", "frame", "px_ideal") as (points, point, frame, px):

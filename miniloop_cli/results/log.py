@@ -1,4 +1,4 @@
-"""log.txt: what a run was given, what it assumed, what went wrong with which frame, and how it ended."""
+"""log.txt: inputs and assumptions of a run, problems of frames, and the outcome."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from miniloop_cli.scene.registration import Registration
 
 
 def write_log(run: Registration, data: ReportData, problem: str = "") -> None:
-    """Write log.txt beside the other results of the run, which `data` was read from; `problem`: why it failed."""
+    """Write log.txt beside the other results of the run, from which `data` was read; `problem`: why it failed."""
     with atomic_write(data.results.root / "log.txt") as file:
         file.write("".join(f"{printable(line, 2000)}\n" for line in log_lines(run, data, problem)))
 

@@ -1,4 +1,4 @@
-"""A map opened for questions: where was this image taken?"""
+"""A map, opened to locate images in it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Map:
-    """The map of a results folder, opened once for many images."""
+    """The map of a results folder, loaded once for many images."""
 
     folder: Path
     content: SceneMap
@@ -36,7 +36,7 @@ class Map:
 
     @staticmethod
     def open(folder: Path | str) -> Map:
-        """The map of a results folder. Raises MapError where there is none, or it is damaged or of another version."""
+        """The map of a results folder. Raises MapError if there is none, or it is damaged or of another version."""
         folder = Path(folder)
         content = read_map(folder)
         return Map(folder, content, map_settings(folder, content), Locator.of(content))
@@ -50,7 +50,7 @@ class Map:
         """Where an image was taken.
 
         color (h, w, 3) uint8 RGB; depth_m (h, w) float32 metres on the same pixels, 0 = no reading; without a camera,
-        that of a recording of the map with images of this size is taken, else one whose focal length is estimated.
+        that of a recording of the map with images of this size is used, else one whose focal length is estimated.
         Raises InputError for shapes that do not fit.
         """
         image = np.ascontiguousarray(color, np.uint8)
@@ -91,11 +91,11 @@ class Map:
     def _located(self, color: Bytes, depth_m: Floats32 | None, camera: Camera, rough: bool) -> Location:
         timing = next((part.timing for part in self.content.parts if part.camera == camera), Timing())
         features = self.settings.features
-        if any(len(part) < len(part.frame) for part in self.content.parts):  # its frames were followed
+        if any(len(part) < len(part.frame) for part in self.content.parts):  # its frames were tracked
             features = features.of_keyframes(color.shape[1], color.shape[0])
         query = query_of(color, depth_m, camera, features, self.settings.depth, rough, timing)
         found = self.locator.locate(query)
         if found.focal_px is None:
             return found
-        # The query may be a smaller picture of the image.
+        # The query may be a smaller version of the image.
         return replace(found, focal_px=found.focal_px * color.shape[1] / query.camera.width)

@@ -1,4 +1,4 @@
-"""The recordings of a map, and how they lie to each other, as compact arrays and back."""
+"""The recordings of a map and their relative poses, as compact arrays and back."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from miniloop_cli.typing import Floats, Pair
 
 Arrays = dict[str, NDArray[Any]]
 UPPER = np.triu_indices(6)
-MM = 1000.0  # depths of small pictures are kept in millimetres
+MM = 1000.0  # depths of views are stored in millimetres
 DERIVED = ("covariance",)  # of an edge: the inverse of its information
 
 
 def part_header(part: MapPart) -> dict[str, Any]:
-    """What a map's manifest says of a recording."""
+    """The entry of a recording in a map's manifest."""
     return {
         "name": part.name,
         "source": part.source,
@@ -68,7 +68,7 @@ def part_arrays(part: MapPart) -> Arrays:
 
 
 def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> MapPart:
-    """The recording of a header and arrays (...). Raises KeyError, TypeError or ValueError for others."""
+    """The recording from a header and arrays (...). Raises KeyError, TypeError or ValueError for malformed ones."""
     ends = np.cumsum(arrays["features"])[:-1]
     px, z, outline = (np.split(arrays[name], ends) for name in ("px_ideal", "z_m", "outline"))
     stored = arrays["descriptors"]
@@ -107,7 +107,7 @@ def part_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> 
 
 
 def camera_from(values: Mapping[str, Any]) -> Camera:
-    """The camera of which `dataclasses.asdict` gave the values."""
+    """The camera from the values of `dataclasses.asdict`."""
     lens = Lens(str(values["lens"]["model"]), tuple(map(float, values["lens"]["coefficients"])))
     own = {"lens": lens, "noise": DepthNoise(**values["noise"])}
     own |= {"depth_model": DepthModel(**values["depth_model"]), "trust": Trust(values["trust"])}
@@ -115,7 +115,7 @@ def camera_from(values: Mapping[str, Any]) -> Camera:
 
 
 def joined_arrays(joined: Joined) -> Arrays:
-    """The arrays of how recordings lie to each other."""
+    """The arrays of the relative poses of recordings."""
     arrays: Arrays = {
         "T_world_cam": joined.T_world_cam[:, :3],
         "covariance": joined.covariance[:, *UPPER].astype(np.float32),
@@ -135,7 +135,7 @@ def joined_arrays(joined: Joined) -> Arrays:
 
 
 def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
-    """How the recordings of a map lie, from its arrays (...). Raises KeyError, TypeError or ValueError for others."""
+    """The relative poses of recordings from arrays (...). Raises KeyError, TypeError or ValueError for others."""
     pairs: list[Pair] = [(int(a), int(b)) for a, b in arrays["pairs"]]
     return Joined(
         _poses(arrays["T_world_cam"]),

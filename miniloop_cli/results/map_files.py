@@ -1,4 +1,4 @@
-"""The files beside a map of several recordings, which all follow from it: trajectories, one model, what joins what."""
+"""The files beside a map of several recordings, all derived from it: trajectories, one model, a summary."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ TRAJECTORY, CLOUD, SUMMARY = "trajectory.txt", "cloud.ply", "summary.json"
 
 
 def write_map_files(result: Path, scene_map: SceneMap, extra: Mapping[str, Any]) -> dict[str, Any]:
-    """Write <recording>/trajectory.txt, the common model and, last, summary.json; what the summary says.
+    """Write <recording>/trajectory.txt, the common model and, last, summary.json; returns the summary.
 
-    Clouds of recordings that were moved by what was added move along. `extra`: what else the summary is to say.
+    Clouds of recordings move with their recordings. `extra`: further entries of the summary.
     """
     (result / SUMMARY).unlink(missing_ok=True)
     clouds = []
@@ -57,7 +57,7 @@ def write_map_files(result: Path, scene_map: SceneMap, extra: Mapping[str, Any])
 
 
 def up_to_date(result: Path) -> bool:
-    """Whether the files beside a map were written for the map as it is now."""
+    """Whether the files beside a map belong to its present state."""
     try:
         summary = json.loads((result / SUMMARY).read_text(encoding="utf-8"))
         return summary.get("map_sha256") == manifest_hash(result)
@@ -66,7 +66,7 @@ def up_to_date(result: Path) -> bool:
 
 
 def _move_cloud(folder: Path, stamps_s: Floats, T_world_cam: Floats) -> None:
-    """Move a recording's cloud from where its trajectory.txt lies to where its frames lie now."""
+    """Move a recording's cloud from the poses of its trajectory.txt to the present poses."""
     cloud, trajectory = folder / CLOUD, folder / TRAJECTORY
     if not (cloud.is_file() and trajectory.is_file()):
         return

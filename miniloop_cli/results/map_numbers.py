@@ -12,7 +12,7 @@ from miniloop_cli.typing import Ints
 
 
 def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a map holds, JSON-able; `size`: bytes of its data files."""
+    """The content of a map in numbers, JSON-able; `size`: bytes of its data files."""
     joined = scene_map.joined
     sigma = np.sqrt(np.trace(joined.landmarks.covariances_m2, axis1=1, axis2=2))
     names = [part.name for part in scene_map.parts]
@@ -46,6 +46,6 @@ def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> 
 
 
 def _join(pairs: Ints, names: list[str], ends: Ints) -> dict[str, Any]:
-    """What joins two recordings: edges (m, 2) between keyframes, and how many keyframes of each take part."""
+    """The joint of two recordings: edges (m, 2) between keyframes, and the number of keyframes of each."""
     a, b = (len(np.unique(side)) for side in pairs.T)
     return {"a": names[ends[0]], "b": names[ends[1]], "edges": len(pairs), "keyframes_a": a, "keyframes_b": b}

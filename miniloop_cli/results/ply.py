@@ -31,8 +31,8 @@ def write_ply(
 ) -> None:
     """Write (n, 3) points (m), (n, 3) RGB and, for a mesh, (m, 3) vertex numbers a triangle.
 
-    `precise`: coordinates as float64. `uv` (n, 2): places in the image file `texture` beside the PLY, from its lower
-    left corner. `read_ply` takes neither.
+    `precise`: coordinates as float64. `uv` (n, 2): positions in the image file `texture` beside the PLY, from its lower
+    left corner. `read_ply` reads neither. Raises ValueError for shapes that do not fit.
     """
     points, colors = np.asarray(points), np.asarray(colors)
     if points.ndim != 2 or points.shape[1] != 3 or colors.shape != points.shape:
@@ -61,7 +61,7 @@ def write_ply(
 def read_ply(path: Path) -> tuple[Floats32, Bytes]:
     """(n, 3) points and (n, 3) colours of a file that `write_ply` wrote (faces are left out).
 
-    Raises InputError for any other flavour of PLY and for a file that ends early.
+    Raises InputError for other kinds of PLY and for a truncated file.
     """
     with Path(path).open("rb") as file:
         head, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header\n")

@@ -1,4 +1,4 @@
-"""The recording of a results folder, found again where the run had it."""
+"""The recording of a results folder, opened again."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from miniloop_cli.scene.sequence import Sequence
 def reopened(
     results: Results, layout: str | None = None, camera: Path | None = None, follow_links: bool = False
 ) -> tuple[Sequence | None, str]:
-    """The recording by what summary.json says, with the camera of the run unless another one is given.
+    """The recording named by summary.json, with the camera of the run unless another one is given.
 
-    None and why, where it cannot be opened: moved since, or damaged. None and "" where none is named.
+    None and the reason if it cannot be opened, as it was moved or is damaged; None and "" if none is named.
     """
     if camera is None and results.camera:
         camera = results.root / "camera.yaml"

@@ -12,14 +12,14 @@ from miniloop_cli.runtime.atomic_files import atomic_write
 from miniloop_cli.scene.registration import Registration
 from miniloop_cli.typing import Bools, Floats, Ints
 
-MOST_EDGES = 10_000  # those of the most inliers: what came nearest to being believed
-MOST_INLIERS, MOST_MATCHES = 20, 30  # of an edge: inliers of its best hypothesis, and those together with others
+MOST_EDGES = 10_000  # those with most inliers, which were nearest to being verified
+MOST_INLIERS, MOST_MATCHES = 20, 30  # of an edge: inliers of its best hypothesis, and all matches
 
 Matches = tuple[Floats, Floats, Bools]
 
 
 def write_rejected(run: Registration, path: Path) -> None:
-    """Rows of edges.csv, and of each some matches: pixels in i and in j, rounded, and whether they are inliers."""
+    """Write rows of edges.csv with some matches each: rounded pixels in i and j, and whether they are inliers."""
     edges = run.edges
     rejected = np.flatnonzero(~edges.open & (edges.match_count > 0))
     order = np.lexsort((rejected, -edges.match_count[rejected], -edges.inlier_count[rejected]))
@@ -42,7 +42,7 @@ def write_rejected(run: Registration, path: Path) -> None:
 
 
 def _some(inliers: Bools) -> Ints:
-    """Rows of at most MOST_MATCHES matches (k,): inliers, then others, evenly spaced where there are too many."""
+    """Rows of at most MOST_MATCHES matches (k,): inliers, then others, evenly spaced if there are more."""
     chosen: list[Ints] = []
     for rows, most in ((np.flatnonzero(inliers), MOST_INLIERS), (np.flatnonzero(~inliers), MOST_MATCHES)):
         count = min(most - sum(map(len, chosen)), len(rows))
@@ -51,9 +51,9 @@ def _some(inliers: Bools) -> Ints:
 
 
 def read_rejected(root: Path, edges: int) -> dict[int, Matches]:
-    """Of each rejected edge (row of edges.csv) px_i (k, 2), px_j (k, 2), agrees (k,); {} without the file.
+    """For each rejected edge (row of edges.csv) px_i (k, 2), px_j (k, 2), agrees (k,); {} without the file.
 
-    Raises InputError where it does not belong to this edges.csv.
+    Raises InputError if it does not belong to this edges.csv.
     """
     path = root / "rejected.npz"
     if not path.is_file():

@@ -25,7 +25,7 @@ def stored_arrays(path: Path, *names: str) -> Iterator[list[NDArray[Any]]]:
         with np.load(path, allow_pickle=False) as stored:
             arrays = [np.asarray(stored[name]) for name in names]
         yield arrays
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds for a damaged archive
+    except Exception as error:  # numpy, zipfile and zlib raise many types for a damaged archive
         raise InputError(f"{path}: {error}; run `miniloop register` again") from error
 
 

@@ -50,7 +50,7 @@ def frame_rows(run: Registration) -> Iterator[Sequence[Any]]:
 
 
 def _found_by(run: Registration, index: int) -> str:
-    """How a frame got its pose: matched with others, as a keyframe or as a scan, or followed between keyframes."""
+    """How a frame got its pose: matched with others, as a keyframe or as a scan, or tracked between keyframes."""
     if run.poses.component[index] < 0:
         return ""
     if run.tracking is None:
@@ -59,7 +59,7 @@ def _found_by(run: Registration, index: int) -> str:
 
 
 def frame_status(run: Registration, index: int) -> tuple[FrameStatus, str]:
-    """What became of a frame, and in words why it is not in the trajectory ("" if it is)."""
+    """The status of a frame, and the reason why it is not in the trajectory ("" if it is)."""
     scan, component = run.scans[index], run.poses.component
     if component[index] == 0:
         return FrameStatus.REGISTERED, ""

@@ -41,7 +41,7 @@ from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 from miniloop_cli.version import __version__
 
 CLOUD = Artifact("cloud", 1)
-# What rests on poses, or tells of a run as a whole: of an earlier run, it must not stand beside files of this one.
+# Files that depend on poses or describe a whole run: those of an earlier run are removed.
 OF_ONE_RUN = (
     *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),
     *("thumbnails.npz", "summary.json", "log.txt", "report.html"),
@@ -54,7 +54,7 @@ FILES = (*OF_ANY_RUN, *reversed(OF_ONE_RUN))  # all of a run, its trajectory las
 def write_results(run: Registration, folder: Path, workers: Workers, store: Store) -> None:
     """Write all artefacts of a run; the trajectory last, so that a folder that has one is complete.
 
-    A run that registered nothing leaves everything but trajectory, graph and cloud.
+    A run that registered nothing writes everything except trajectory, graph and cloud.
     """
     for name in OF_ONE_RUN:
         (folder / name).unlink(missing_ok=True)
@@ -88,7 +88,7 @@ def write_results(run: Registration, folder: Path, workers: Workers, store: Stor
 def summary(run: Registration) -> dict[str, Any]:
     """The run in numbers, JSON-able.
 
-    `cycles`: edges by what found them, as in the paper's table; `verdict`: how far the run can be trusted.
+    `cycles`: edges by solver, as in the paper's table; `verdict`: how far the run can be trusted.
     """
     assessment = assess_run(run)
     sizes = np.bincount(run.poses.component[run.poses.component >= 0])
@@ -141,7 +141,7 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
 
 
 def pairs_by_solver(solvers: Iterable[str], longest: int) -> dict[str, int]:
-    """How many pairs each solver treated: cycles from the longest on, pairs, and whatever else made any."""
+    """Number of pairs by solver: cycles from the longest on, pairs, and others."""
     counts = Counter(solvers)
     known = {str(n): f"cycle{n}" for n in range(max(longest, 5), 2, -1)} | {"pairwise": "pairwise"}
     others = {name: name for name in sorted(counts) if name not in known.values()}
@@ -186,7 +186,7 @@ def _write_graph(run: Registration, path: Path) -> None:
 
 
 def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32, Bytes]:
-    """Points and colours of the model, from the store if the same scans were fused at the same poses before."""
+    """Points and colours of the model, from the cache if the same scans were fused at the same poses."""
     scans = modelled(run)
     poses = run.poses.T_world_cam[scans]
     inputs = ([run.scans[k].key for k in scans], poses, run.settings.cloud, run.settings.depth)
@@ -200,12 +200,12 @@ def _cloud(run: Registration, workers: Workers, store: Store) -> tuple[Floats32,
 
 
 def modelled(run: Registration) -> Ints:
-    """Frames (k,) that the model is made of: registered scans. Frames between keyframes add hardly anything."""
+    """Frames (k,) of the model: registered scans, as frames between keyframes add little."""
     return np.intersect1d(run.poses.registered, run.scan_frames)
 
 
 def _world_points(run: Registration, workers: Workers) -> Iterator[tuple[Floats, Bytes]]:
-    """Coloured points of every registered scan, in order, a few scans ahead of the one that is taken."""
+    """Coloured points of every registered scan, in order, computed a few scans ahead."""
     camera, depth, stride = run.sequence.camera, run.settings.depth, run.settings.cloud.stride_px
 
     @cache

@@ -1,4 +1,4 @@
-"""A mesh's texture, cut from the sharpest scans that show it, their exposure made equal and their seams levelled."""
+"""A mesh's texture from the sharpest scans that show it, with equalised exposure and levelled seams."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 
 EXPOSURE_SAMPLES = 20_000
-IMAGE_BYTES = 200_000_000  # of images that are kept decoded
+IMAGE_BYTES = 200_000_000  # of decoded images in memory
 SAMPLE_BLUR_PX = 5  # colours at seams are means over so many pixels
-SPREAD_PX = 15  # how far the offsets of a patch reach beyond it
+SPREAD_PX = 15  # margin of the offsets of a patch
 Read = Callable[[int], Scan]
 
 
@@ -35,10 +35,9 @@ def textured(o3d: ModuleType, model: Model, mesh: Mesh, glimpses: Glimpses, voxe
              largest_px: int = 8192, keep_unseen: bool = False, quiet: bool = False) -> Mesh:  # fmt: skip
     """The mesh with a texture of at most `largest_px` a side.
 
-    Every triangle is coloured by one scan of those that see it: sharp, near and facing it. Those that others hide from
-    all scans are left out, as no scan measured them; with `keep_unseen` they keep the colours of their vertices.
-    `glimpses`: of the scans that were fused; their images are read again. Raises InputError for one that
-    cannot be read any more.
+    Every triangle is coloured by one scan that sees it sharply, from nearby and frontally. Triangles hidden from all
+    scans are left out; with `keep_unseen` they keep the colours of their vertices. `glimpses`: of the fused scans,
+    whose images are read again. Raises InputError for one that can no longer be read.
     """
     camera, read = model.recording.camera, reader(model)
     rows = choose_views(mesh, glimpses, model.trajectory.T_world_cam, camera)
@@ -78,7 +77,7 @@ def textured(o3d: ModuleType, model: Model, mesh: Mesh, glimpses: Glimpses, voxe
 
 
 def reader(model: Model) -> Read:
-    """Undistorted scans by row of the trajectory; some stay in memory."""
+    """A reader of undistorted scans by row of the trajectory, with a cache."""
     undistort, numbers = undistorter(model.recording.camera), model.recording_rows
     camera = model.recording.camera
 
@@ -102,7 +101,7 @@ def colors_at(color: Bytes, px: Floats | Floats32) -> Floats32:
 
 
 def levelled(charts: Charts, mesh: Mesh, rows: Ints, read: Read, gain: Floats) -> tuple[Floats32, Floats32]:
-    """Offsets (n, 3) of the nodes that close the seams; and the colours of the mesh at the nodes, with them."""
+    """Offsets (n, 3) of the nodes that close the seams; and the colours of the mesh at the nodes with these offsets."""
     pairs = seam_pairs(charts.vertex)
     color = mesh.colors[charts.vertex].astype(np.float32)
     bare = color.copy()
@@ -119,7 +118,7 @@ def levelled(charts: Charts, mesh: Mesh, rows: Ints, read: Read, gain: Floats) -
 def offset_image(
     charts: Charts, offset: Floats32, label: Labels, view: int, hits: Hits, shape: tuple[int, int]
 ) -> Floats32:
-    """(h, w, 3) the offsets of the nodes, interpolated over the triangles of a view and spread a little beyond."""
+    """(h, w, 3) the offsets of the nodes, interpolated over the triangles of a view, with a margin."""
     hit = hits.triangle
     own = (hit >= 0) & (label[hit] == view)
     corners, u, v = charts.corners[hit[own]], hits.uv[own][:, :1], hits.uv[own][:, 1:]

@@ -1,7 +1,7 @@
-"""Charts: patches of triangles that take their colour from one view, cut out of its image as they are.
+"""Charts: patches of triangles that are coloured by one view, cut out of its image.
 
-A chart needs no unwrapping: the view's own projection lays it flat, and its texels are the camera's pixels. Triangles
-that no view shows get a cell each, filled from the colours of their vertices.
+A chart needs no unwrapping, as the projection of the view flattens it, and its texels are the camera's pixels.
+Triangles that no view shows have a cell each, filled from the colours of their vertices.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 PAD_PX = 2
 CELL_PX = 4  # of a triangle that no view shows: corners two pixels apart, and a border
 CELL_CORNERS_PX = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]])
-ROOM = 0.98  # each time that charts do not fit, they shrink a little more than computed
+ROOM = 0.98  # charts that do not fit shrink a little more than computed
 
 
 @dataclass(frozen=True)
 class Charts:
     """Nodes (n): a vertex in a patch. `vertex` (n,) and `patch` (n,) of each, `corners` (m, 3) nodes of the triangles.
 
-    view (p,) of every patch, -1 for what no view shows; px (n, 2) pixels of the nodes in their views.
+    view (p,) of every patch, -1 without a view; px (n, 2) pixels of the nodes in their views.
     """
 
     vertex: Ints
@@ -39,9 +39,9 @@ class Charts:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where charts lie in a texture of `width` and `height`: rectangles (p, 4: left, top, right, bottom) in the images.
+    """Charts in a texture of `width` and `height`: rectangles (p, 4: left, top, right, bottom) in the images.
 
-    corner (p, 2) in the texture, size (p, 2) there. Rows of cells begin at `cells_top`, of triangles `bare` (k,).
+    corner (p, 2) and size (p, 2) in the texture. Rows of cells, of the triangles `bare` (k,), begin at `cells_top`.
     """
 
     width: int
@@ -71,7 +71,7 @@ def make_charts(mesh: Mesh, label: Labels, poses: Floats, camera: Camera) -> Cha
 
 
 def lay_out(charts: Charts, camera: Camera, largest_px: int) -> Layout:
-    """A texture of at most `largest_px` a side; charts shrink together where they do not fit as they are."""
+    """A texture of at most `largest_px` a side; charts shrink together if they do not fit."""
     order = np.argsort(charts.patch, kind="stable")
     start = np.flatnonzero(np.diff(charts.patch[order], prepend=-1))
     low = np.floor(np.minimum.reduceat(charts.px[order], start)).astype(np.int64) - PAD_PX
@@ -94,7 +94,7 @@ def lay_out(charts: Charts, camera: Camera, largest_px: int) -> Layout:
 
 
 def texture_coordinates(charts: Charts, layout: Layout) -> tuple[Floats32, Triangles, Ints]:
-    """UV (n', 2), triangles (m, 3) over them, and the node (n',) of each: bare triangles have corners of their own."""
+    """UV (n', 2), triangles (m, 3) over them, and the node (n',) of each: bare triangles have their own corners."""
     p = charts.patch
     scale = layout.size / np.maximum(layout.source[:, 2:] - layout.source[:, :2], 1)
     at = layout.corner[p] + (charts.px + 0.5 - layout.source[p, :2]) * scale[p]

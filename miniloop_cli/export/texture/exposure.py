@@ -1,4 +1,4 @@
-"""Exposure and white balance of views, undone: a gain a view and colour, so that they agree on what they all see."""
+"""Equal exposure and white balance of views: a gain for each view and colour, so that common surfaces agree."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from scipy.sparse import coo_array, diags_array
 
 from miniloop_cli.typing import Floats, Floats32, Ints
 
-DARKEST, BRIGHTEST = 12, 243  # of 255: beyond, a value says little about the light
+DARKEST, BRIGHTEST = 12, 243  # of 255: values beyond are clipped
 ROUNDS = 5
-SPREAD = 0.1  # of a logarithm: samples that differ more count less (highlights, wrong places)
-PRIOR = 1.0  # samples that say that a gain is 1: what nothing ties to the others stays as it is
+SPREAD = 0.1  # of a logarithm: samples that differ more count less (highlights, wrong positions)
+PRIOR = 1.0  # weight, in samples, of a prior gain of 1 for views without common surfaces
 LARGEST_GAIN = 3.0
 
 
 def gains(view: Ints, point: Ints, colors: Floats32, views: int) -> Floats:
-    """(views, 3) what to multiply the colours of each view by.
+    """(views, 3) factors on the colours of each view.
 
-    Samples: the view (k,), which point of the surface (k,) and its RGB colour there (k, 3). Least squares over
+    Samples: the view (k,), the point of the surface (k,) and its RGB colour in the view (k, 3). Least squares over
     log(gain) + log(colour) = log(albedo of the point), reweighted by a Cauchy kernel; the mean log gain is 0.
     """
     found = np.ones((views, 3))

@@ -1,4 +1,4 @@
-"""What is kept of every scan while it is fused: how sharp it is, and its depth in a small image."""
+"""Data kept of every fused scan: its sharpness, and its depth as a small image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes
 
-SHARPNESS_WIDTH = 640  # images are compared at this width: more pixels only show more noise
+SHARPNESS_WIDTH = 640  # images are compared at this width, as more pixels only add noise
 SMALL_WIDTH = 96
 BLUR_PX = 9
 
@@ -28,17 +28,17 @@ class Glimpses(dict[int, Glimpse]):
     """Glimpses by row of the trajectory; an observer of the fusion."""
 
     def __call__(self, row: int, scan: Scan) -> None:
-        """Keep what is needed of a scan."""
+        """Keep the glimpse of a scan."""
         step = max(1, round(scan.depth_m.shape[1] / SMALL_WIDTH))
         small = scan.depth_m[step // 2 :: step, step // 2 :: step]
         self[row] = Glimpse(sharpness(scan.color), np.minimum(small, 6e4).astype(np.float16))
 
 
 def sharpness(color: Bytes) -> float:
-    """How much of the difference between neighbouring pixels a blur takes away, in [0, 1], in the worse direction.
+    """The share of the differences between neighbouring pixels that a blur removes, in [0, 1], in the worse direction.
 
-    What is blurred already, by motion or by focus, has little to lose (Crete et al. 2007, The blur effect). The amount
-    of texture cancels out.
+    An image that is already blurred, by motion or by focus, changes little (Crete et al. 2007, The blur effect). The
+    amount of texture cancels out.
     """
     grey = cv2.cvtColor(np.ascontiguousarray(color), cv2.COLOR_RGB2GRAY)
     if grey.shape[1] > SHARPNESS_WIDTH:

@@ -1,4 +1,4 @@
-"""Which view colours which triangle: good views, and large patches of one view, as seams are what one sees.
+"""The view that colours each triangle: good views, in large patches, as seams are visible.
 
 A Potts model over the triangles (Lempitsky & Ivanov 2007), descended by iterated conditional modes.
 """
@@ -16,9 +16,9 @@ from miniloop_cli.typing import Bools, Floats32, Ints
 
 KEPT_VIEWS = 8  # candidates a triangle
 SMOOTHING_ROUNDS = 4
-SEAM_COST = 0.35  # of an edge between two views, where 1 is the loss of all quality
+SEAM_COST = 0.35  # of an edge between two views; 1 is the loss of all quality
 ROUNDS = 24
-SMALL_PATCH = 60  # triangles: patches below go to a neighbour, if its view sees them
+SMALL_PATCH = 60  # triangles: smaller patches join a neighbour whose view sees them
 ABSORBING_ROUNDS = 6
 
 Labels = NDArray[np.int16]
@@ -27,7 +27,7 @@ Labels = NDArray[np.int16]
 class Candidates:
     """The best views of every triangle: numbers (m, KEPT_VIEWS), -1 for none, and their quality, 0 for none.
 
-    seen (n,): vertices that nothing hides from at least one view.
+    seen (n,): vertices that at least one view sees.
     """
 
     def __init__(self, mesh: Mesh, smooth: csr_array) -> None:
@@ -38,7 +38,7 @@ class Candidates:
         self._smooth = smooth
 
     def add(self, view: int, shown: Shown, weight: np.float32) -> None:
-        """What a view shows. Two of the three vertices of a triangle must be shown well.
+        """Add a view. It must show two of the three vertices of a triangle well.
 
         Quality is averaged over neighbours, as that of single triangles follows the noise of the surface.
         """
@@ -66,8 +66,7 @@ def choose_labels(mesh: Mesh, view: Labels, quality: Floats32) -> Labels:
     around = neighbours(pairs, len(view))
     open_rows = np.flatnonzero((view >= 0).sum(axis=1) > 1)
     for turn in range(ROUNDS):
-        # Neighbours must not change places at the same time: half of the triangles are looked at, another half each
-        # time.
+        # Neighbours must not change at the same time: a different half of the triangles is updated each time.
         half = open_rows[(open_rows >> turn % 5) & 1 == turn // 5 % 2]
         beside = np.where(around[half] >= 0, label[around[half]], np.int16(-1))
         agree = sum((view[half] == beside[:, k, None]).astype(np.float32) for k in range(3))
@@ -88,7 +87,7 @@ def neighbours(pairs: Ints, count: int) -> NDArray[np.int32]:
 
 
 def patches(label: Labels, pairs: Ints) -> Ints:
-    """(m,) number of the patch of every triangle: neighbours of one view are of one patch."""
+    """(m,) number of the patch of every triangle: connected triangles with one view form a patch."""
     same = label[pairs[:, 0]] == label[pairs[:, 1]]
     i, j = pairs[same].T
     joined = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(len(label),) * 2)
@@ -96,14 +95,14 @@ def patches(label: Labels, pairs: Ints) -> Ints:
 
 
 def absorb_small(label: Labels, view: Labels, pairs: Ints) -> Labels:
-    """Labels (n,); small patches go to the neighbour they share most edges with, if its view sees them."""
+    """Labels (n,); small patches join the neighbour with most common edges, if its view sees them."""
     for _ in range(ABSORBING_ROUNDS):
         patch = patches(label, pairs)
         small: Bools = np.bincount(patch)[patch] < SMALL_PATCH
         both = np.concatenate([pairs, pairs[:, ::-1]])
         across = small[both[:, 0]] & (label[both[:, 0]] != label[both[:, 1]]) & (label[both[:, 1]] >= 0)
         i, j = both[across].T
-        # The label that most edges of a patch lead to: the last of the patch, in the order of counts.
+        # The label across most edges of a patch: the last one of the patch, in the order of counts.
         votes, count = np.unique(np.stack([patch[i], label[j].astype(np.int64)]), axis=1, return_counts=True)
         order = np.lexsort((count, votes[0]))
         wanted = np.full(len(label), -1, np.int16)

@@ -6,13 +6,13 @@ import numpy as np
 
 from miniloop_cli.typing import Ints
 
-SLACK = 1.06  # area of the image over that of its rectangles: what rows leave empty
+SLACK = 1.06  # area of the image over that of its rectangles, as rows leave gaps
 
 
 def pack(sizes: Ints) -> tuple[Ints, int, int]:
     """Left top corners (n, 2) of rectangles (n, 2: width, height) in a roughly square image, and its width and height.
 
-    Rows of decreasing height: of rectangles of many sizes little is left empty.
+    Rows of decreasing height leave small gaps.
     """
     if not len(sizes):
         return np.zeros((0, 2), np.int64), 1, 1

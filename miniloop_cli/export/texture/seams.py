@@ -1,4 +1,4 @@
-"""Seams between views levelled: colours get an offset that is smooth within a patch and closes the steps between them.
+"""Levelled seams between views: an offset of the colours that is smooth within a patch and closes the steps.
 
 Global seam levelling (Lempitsky & Ivanov 2007, Seamless Mosaicing of Image-Based Texture Maps, equation 3).
 """
@@ -11,8 +11,8 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from miniloop_cli.export.mesh_model import Triangles, edges_of
 from miniloop_cli.typing import Floats, Floats32, Ints
 
-SEAM_WEIGHT = 10.0  # of a step that remains, against a difference of the offsets of two neighbours
-REST_WEIGHT = 4e-3  # of the offset itself: it fades away over some 15 triangles
+SEAM_WEIGHT = 10.0  # of a remaining step, against a difference of the offsets of two neighbours
+REST_WEIGHT = 4e-3  # of the offset itself: it decays over some 15 triangles
 PRECISION = 1e-2
 MOST_STEPS = 500
 
@@ -25,9 +25,9 @@ def seam_pairs(vertex: Ints) -> Ints:
 
 
 def level(corners: Triangles, pairs: Ints, colors: Floats32) -> Floats32:
-    """(n, 3) what to add to the colours of n nodes. A node is a vertex in a patch, `corners` (m, 3) are triangles.
+    """(n, 3) offsets of the colours of n nodes. A node is a vertex in a patch, `corners` (m, 3) are triangles.
 
-    `colors` (n, 3) where nodes meet that are one vertex in two patches, `pairs` (k, 2); elsewhere they are not read.
+    `pairs` (k, 2): nodes that are one vertex in two patches; `colors` (n, 3) are read for these only.
     """
     n = len(colors)
     if not len(pairs):

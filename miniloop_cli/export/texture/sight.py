@@ -1,4 +1,4 @@
-"""What a view sees of the surface: the triangle behind every pixel, and how well each vertex is shown."""
+"""Visibility of the surface in a view: the triangle at every pixel, and the quality at each vertex."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from miniloop_cli.typing import Bools, Floats, Floats32, Ints
 MOST_WIDE = 320  # rays a row: enough for triangles of a centimetre
 EDGE_PX = 8.0  # within so many pixels of a depth edge, colours may be those of the other side
 EDGE_M, EDGE_SHARE = 0.03, 0.03  # a step of depth that is an edge: metres, and share of the depth
-AGREE_M, AGREE_SHARE = 0.03, 0.03  # how far the depth that was measured may be from the surface
+AGREE_M, AGREE_SHARE = 0.03, 0.03  # largest difference between measured depth and surface
 GRAZING = 5.0  # tangent of the steepest angle at which a surface is seen
 NORMAL_ROUNDS = 3
-RIM_PX = 3  # along the rim of what the lens images
-NOTHING = np.uint32(0xFFFFFFFF)  # Open3D's number of no triangle
+RIM_PX = 3  # along the border of the area that the lens images
+NOTHING = np.uint32(0xFFFFFFFF)  # Open3D's number for no triangle
 
 
 @dataclass(frozen=True)
 class Hits:
-    """What a grid of (h, w) rays hits: depth (m, inf = nothing), triangle (-1 = none), its barycentric u and v.
+    """Intersections of a grid of (h, w) rays: depth (m, inf = none), triangle (-1 = none), its barycentric u and v.
 
     Ray (i, j) goes through pixel (j, i) * step of the image.
     """
@@ -43,9 +43,9 @@ class Hits:
 
 @dataclass(frozen=True)
 class Shown:
-    """Vertices (k,) that nothing hides from a view, their (k, 2) pixels, and how well it shows them (k,).
+    """Vertices (k,) visible in a view, their (k, 2) pixels, and their quality (k,).
 
-    Quality is pixels a square metre; 0 where the image should not be used.
+    Quality is pixels a square metre; 0 where the image is not to be used.
     """
 
     vertex: Ints
@@ -72,7 +72,7 @@ class Sight:
         self._rays = camera.backproject(px, np.ones(len(px))).reshape(h, w, 3).astype(np.float32)
 
     def hits(self, T_world_cam: Floats) -> Hits:
-        """What the rays through all pixels hit first at T_world_cam (4, 4); distances are depths along the axis."""
+        """First intersections of the rays through all pixels at T_world_cam (4, 4); depths are along the axis."""
         T = T_world_cam.astype(np.float32)
         rays = np.empty((*self._rays.shape[:2], 6), np.float32)
         rays[..., :3], rays[..., 3:] = T[:3, 3], self._rays @ T[:3, :3].T
@@ -82,10 +82,10 @@ class Sight:
         return Hits(found["t_hit"].numpy(), triangle, found["primitive_uvs"].numpy(), self._step)
 
     def quality(self, T_world_cam: Floats, scan: Scan, hits: Hits, normals: Floats32) -> Shown:
-        """How well the view shows each vertex, whose normals are (n, 3).
+        """The quality of each vertex in the view; normals (n, 3).
 
-        Hidden is what lies behind the first surface, or where the depth that was measured tells of something else: it
-        moved, or is not in the model. Near an edge of depth a view counts for little.
+        A vertex is hidden if it is behind the first surface, or if the measured depth differs: then something moved or
+        is not in the model. Near an edge of depth the quality is low.
         """
         rows, px, z, cosine = looked_at(self.mesh.vertices, normals, T_world_cam, self.camera)
         u, v = np.rint(px / hits.step).astype(np.int64).T
@@ -100,7 +100,7 @@ class Sight:
 
 
 def smooth_normals(mesh: Mesh, smooth: csr_array) -> Floats32:
-    """(n, 3) normals as means over neighbours, by `averaging`: those of single vertices follow the noise of depth."""
+    """(n, 3) normals as means over neighbours, by `averaging`, as those of single vertices are noisy."""
     normals = vertex_normals(mesh)
     for _ in range(NORMAL_ROUNDS):
         normals = smooth @ normals
@@ -108,7 +108,7 @@ def smooth_normals(mesh: Mesh, smooth: csr_array) -> Floats32:
 
 
 def edge_factor(hits: Hits) -> Floats32:
-    """(h, w) in (0, 1]: how far each ray is from the next edge of depth, or from where nothing is hit."""
+    """(h, w) in (0, 1]: distance of each ray from the next edge of depth, or from rays without intersection."""
     depth = np.where(np.isfinite(hits.depth_m), hits.depth_m, np.float32(1e3))
     window = np.ones((3, 3), np.uint8)
     near, far = cv2.erode(depth, window), cv2.dilate(depth, window)

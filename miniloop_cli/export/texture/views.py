@@ -1,4 +1,4 @@
-"""Which scans give the texture: few, sharp, near, and together seeing all of the surface."""
+"""The choice of scans for the texture: few, sharp and near ones that together see the whole surface."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from miniloop_cli.typing import Floats, Floats32, Ints
 MOST_SAMPLES = 8000  # of the surface
 MOST_CANDIDATES = 1500
 MOST_VIEWS = 400
-LEAST_GAIN = 5e-4  # of what a perfect choice would give: a view that adds less makes seams for nothing
-LEAST_COSINE = 0.1  # between a ray and the surface's normal: at a smaller angle an image shows nothing of use
+LEAST_GAIN = 5e-4  # of the quality of a perfect choice: views that add less only cause seams
+LEAST_COSINE = 0.1  # between a ray and the surface's normal: below, an image is not used
 NEAR_M = 0.1
-HIDDEN_M, HIDDEN_SHARE = 0.05, 0.92  # how far before a point something must lie to hide it
+HIDDEN_M, HIDDEN_SHARE = 0.05, 0.92  # an object hides a point if it is nearer by more
 BORDER_PX = 3
-SHARPNESS_POWER = 4  # a blurred image must be much nearer than a sharp one to show more
+SHARPNESS_POWER = 4  # a blurred image must be much nearer than a sharp one to be preferred
 
 
 def choose_views(mesh: Mesh, glimpses: Glimpses, T_world_cam: Floats, camera: Camera) -> Ints:
     """Ascending rows (k,) of the trajectory T_world_cam (n, 4, 4) whose scans show the surface best.
 
-    Greedy: the next view is the one that adds most to the sum over the surface of the quality of the best view there,
-    relative to the best there is (facility location; Nemhauser et al. 1978).
+    Greedy: the next view adds most to the sum, over the surface, of the quality of the best chosen view relative to the
+    best of all (facility location; Nemhauser et al. 1978).
     """
     rows = sharpest(glimpses)
     points, normals = samples(mesh)
@@ -37,7 +37,7 @@ def choose_views(mesh: Mesh, glimpses: Glimpses, T_world_cam: Floats, camera: Ca
         k = int(bound.argmax())
         gain = float(np.maximum(quality[k] - best, 0).sum())
         bound[k] = gain
-        if gain < bound.max():  # what was computed for another view is too high by now: look again
+        if gain < bound.max():  # the bound of another view is outdated: compute it again
             continue
         if gain < LEAST_GAIN * len(points):
             break
@@ -47,7 +47,7 @@ def choose_views(mesh: Mesh, glimpses: Glimpses, T_world_cam: Floats, camera: Ca
 
 
 def sharpest(glimpses: Glimpses) -> list[int]:
-    """All rows, or of a long recording the sharpest of every few neighbours."""
+    """All rows; in a long recording the sharpest of every few neighbours."""
     rows = sorted(glimpses)
     groups = np.array_split(rows, min(len(rows), MOST_CANDIDATES))
     return [max(group.tolist(), key=lambda row: glimpses[row].sharpness) for group in groups]
@@ -73,7 +73,7 @@ def samples(mesh: Mesh) -> tuple[Floats32, Floats32]:
 
 
 def quality_at(points: Floats32, normals: Floats32, T_world_cam: Floats, camera: Camera, glimpse: Glimpse) -> Floats32:
-    """(k,) how well a scan shows each point: its pixels an area and its sharpness; 0 where it is hidden."""
+    """(k,) quality of each point in a scan: pixels an area and sharpness; 0 if it is hidden."""
     quality = np.zeros(len(points), np.float32)
     rows, px, z, cosine = looked_at(points, normals, T_world_cam, camera)
     h, w = glimpse.depth_m.shape
@@ -111,5 +111,5 @@ def density(z_m: Floats32, cosine: Floats32, camera: Camera) -> Floats32:
 
 
 def sharpness_weight(glimpse: Glimpse) -> np.float32:
-    """What a pixel of a scan is worth."""
+    """The weight of a pixel of a scan."""
     return np.float32(glimpse.sharpness**SHARPNESS_POWER)

@@ -1,1 +1,1 @@
-"""The 3D view: what it shows as plain values and packed points, for the page of a report and for a server."""
+"""The 3D view: its content as plain values and packed points, for the page of a report and for a server."""

@@ -1,4 +1,4 @@
-"""The 3D view that a report carries: the scene, the model's points and small images of the frames."""
+"""The 3D view in a report: the scene, the model's points and small images of the frames."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from miniloop_cli.typing import Bytes
 PACKED = Artifact("packed_points", 2)
 MOST_POINTS = 2_000_000
 FARTHEST_M = 1e6
-SEVEN_BITS = np.uint8(0xFE)  # of a colour: the eighth is noise, and does not pack
+SEVEN_BITS = np.uint8(0xFE)  # of a colour: the eighth is noise, and does not compress
 
 Values = dict[str, Any]
 Made = tuple[Values | None, str, Sequence[str]]
@@ -58,7 +58,7 @@ def _values(shown: Values, made: Made, pictures: FramePictures) -> Values:
 
 
 def _model(read: Callable[[], tuple[NDArray[np.floating], Bytes]], key: Any, store: Store) -> Made:
-    """What viewer.js must know of the points, these as base64, and what is to be said; None without a model."""
+    """Values of the points for viewer.js, the points as base64, and a remark; None without a model."""
 
     def packed() -> Arrays:
         points, colors = read()
@@ -76,7 +76,7 @@ def _model(read: Callable[[], tuple[NDArray[np.floating], Bytes]], key: Any, sto
     try:
         kept = store.cached(PACKED, (key, MOST_POINTS), packed)
     except InputError:
-        return NO_MODEL  # the section on the model says what is wrong with the file
+        return NO_MODEL  # the section on the model reports the damage
     count, total = int(kept["levels"].sum()), int(kept["total"][0])
     if not count:
         return NO_MODEL

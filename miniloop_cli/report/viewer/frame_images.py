@@ -1,4 +1,4 @@
-"""The colour images of what `miniloop view` shows, asked for one by one: of one recording, or of several of a map."""
+"""Colour images for `miniloop view`, read on demand: of one recording, or of the recordings of a map."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WIDTH_PX = 640
 
 @dataclass(frozen=True)
 class RecordingImages:
-    """Images of `count` frames: from the recording, else the thumbnails that were kept of it."""
+    """Images of `count` frames: from the recording, else its stored thumbnails."""
 
     count: int
     sequence: Sequence | None
@@ -25,11 +25,11 @@ class RecordingImages:
 
     @staticmethod
     def of(data: ReportData) -> RecordingImages:
-        """Of a run. Raises InputError where its thumbnails are damaged."""
+        """The images of a run. Raises InputError if its thumbnails are damaged."""
         return RecordingImages(len(data.frames), data.sequence, read_thumbnails(data.results.root / "thumbnails.npz"))
 
     def jpeg(self, frame: int) -> bytes | None:
-        """The file; None where there is none, or it cannot be read."""
+        """The JPEG file; None if there is none, or it cannot be read."""
         if self.sequence and frame < len(self.sequence.frames):
             found = frame_image(self.sequence, frame, WIDTH_PX)
             if found:
@@ -39,7 +39,7 @@ class RecordingImages:
 
 @dataclass(frozen=True)
 class FrameImages:
-    """Recordings one after the other, their frames counted through."""
+    """Recordings one after the other, with frames counted through all of them."""
 
     recordings: tuple[RecordingImages, ...] = ()
     one_at_a_time: Lock = field(default_factory=Lock)  # recordings are read by one thread at a time
@@ -50,7 +50,7 @@ class FrameImages:
         return any(recording.sequence or recording.thumbnails for recording in self.recordings)
 
     def jpeg(self, frame: int) -> bytes | None:
-        """The image of a frame as the bytes of a JPEG file, WIDTH_PX wide where the recording can be opened."""
+        """The image of a frame as the bytes of a JPEG file, WIDTH_PX wide if the recording can be opened."""
         for recording in self.recordings:
             if frame < recording.count:
                 with self.one_at_a_time:

@@ -1,7 +1,7 @@
-"""Small colour images of the frames, for a page that carries them.
+"""Small colour images of the frames, embedded in a page.
 
-Frames with edges have larger ones, on which matches are drawn. Thumbnails of the others were made as tracking read
-them; of other recordings they are made here.
+Frames with edges have larger ones, on which matches are drawn. The others have thumbnails, which were made by tracking,
+or are made here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FRAME_PICTURES = Artifact("frame_pictures", 2)
 WIDTH_PX, QUALITY = 320, 50
 MOST_LARGE = 200  # some 10 kB each
 MOST_SMALL = 1200  # some 3 kB each
-MOST_READ = 600  # images that are decoded for the page alone
+MOST_READ = 600  # images that are decoded only for the page
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class FramePictures:
 
     @staticmethod
     def of_several(recordings: Sequence[FramePictures], first: Sequence[int]) -> FramePictures:
-        """Those of recordings whose frames are counted through, beginning with first[r]."""
+        """The pictures of several recordings, whose frames are numbered from first[r] on."""
         numbered = list(zip(recordings, first, strict=False))
         large = {k + begin: file for one, begin in numbered for k, file in one.large.items()}
         return FramePictures(large, {k + begin: file for one, begin in numbered for k, file in one.small.items()})
 
     def values(self) -> list[dict[str, object]]:
-        """For JSON: of each size what all its files begin with, and how each goes on, as base64 that can be joined."""
+        """For JSON: for each size the common beginning of all files and the rest of each, as joinable base64."""
         return [_shared({k: file.tobytes() for k, file in files.items()}) for files in (self.large, self.small)]
 
 
 def frame_pictures(data: ReportData, store: Store, share: int = 1) -> FramePictures:
-    """Pictures of the frames of a run; those that cannot be had are left out. Raises InputError for a damaged file.
+    """Pictures of the frames of a run; unavailable ones are left out. Raises InputError for a damaged file.
 
     `share`: runs that the page shows together.
     """
@@ -69,7 +69,7 @@ def frame_pictures(data: ReportData, store: Store, share: int = 1) -> FramePictu
 
 
 def _spread(count: int, most: int) -> Ints:
-    """Which of `count` are taken: all, or `most` evenly spaced ones."""
+    """Rows of `count`: all, or `most` evenly spaced ones."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)) if count else _NONE
 
 
@@ -94,7 +94,7 @@ def _read(sequence: Recording, numbers: Ints, width: int, quality: int, store: S
 
 
 def _shared(files: Mapping[int, bytes]) -> dict[str, object]:
-    """What is the same at the beginning of all files, of a length that base64 can be cut at, and the rest of each."""
+    """The common beginning of all files, at a length where base64 can be cut, and the rest of each."""
     first, last = (min(files.values()), max(files.values())) if len(files) > 1 else (b"", b"")
     same = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
     head = first[: same // 3 * 3]

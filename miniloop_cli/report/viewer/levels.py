@@ -1,8 +1,8 @@
-"""Points in an order of which every beginning is a coarse picture of the whole, and the tiles of an octree over them.
+"""Points ordered so that every prefix is a coarse model of the whole, and the tiles of an octree over them.
 
 Cells are those of an octree over the cube around the points. A point belongs to the coarsest level at which it is the
-first of its cell in Morton order (Morton 1966), so that one sort gives all levels: the level is where its code and the
-one before it part.
+first of its cell in Morton order (Morton 1966). One sort gives all levels: the level is the highest one at which a
+code differs from the one before.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from miniloop_cli.typing import Floats, Ints
 
 BITS = 16  # of a coordinate within the cube; also the number of levels below the root
 STEPS = (1 << BITS) - 1
-FEW_POINTS = 3000  # a tile, on average: more tiles cost more requests than they save points
+FEW_POINTS = 3000  # a tile, on average: smaller tiles need too many requests
 TILE_LEVELS = 7  # a tile holds a grid of 2^7 cells a side of its cube
 
 
 @dataclass(frozen=True)
 class Levels:
-    """n points, coarse first. `order` (n,): rows of the points that were given; `level` (n,) ascending, 0 to BITS + 1.
+    """n points, coarse first. `order` (n,): rows of the given points; `level` (n,) ascending, 0 to BITS + 1.
 
     `steps` (n, 3) uint16: positions within the cube, p = corner + side / STEPS * steps. Within a level the points
     follow each other in Morton order.
@@ -40,7 +40,7 @@ class Levels:
 
     @property
     def spacing(self) -> float:
-        """How far apart most points stand, in steps."""
+        """Distance of most neighbouring points, in steps."""
         return float(1 << BITS) / float(1 << int(np.median(self.level))) if len(self) else 1.0
 
     def first(self, count: int) -> Levels:
@@ -101,8 +101,8 @@ def _levels(codes: NDArray[np.uint64]) -> Ints:
 def tiles(levels: Levels, few: int = FEW_POINTS) -> tuple[Levels, list[Tile]]:
     """The points sorted by tile, coarse tiles first, and the tiles: the nodes of an octree as Potree's (Schütz 2016).
 
-    The tile of a point of level k lies TILE_LEVELS above it, so a tile adds to the tiles around it points that stand
-    about a 2^-TILE_LEVELS of its side apart; the deepest tiles hold all that is finer.
+    The tile of a point of level k is TILE_LEVELS above it, so a tile adds points with distances of about 2^-TILE_LEVELS
+    of its side to the coarser tiles around it; the deepest tiles contain all finer points.
     """
     codes = morton(levels.steps.astype(np.uint64))
     depth = np.clip(levels.level - TILE_LEVELS, 0, BITS - TILE_LEVELS)

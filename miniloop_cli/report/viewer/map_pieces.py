@@ -1,4 +1,4 @@
-"""Where recordings that nothing joins to each other are shown: beside each other, upright. It is not known where."""
+"""Display poses of recordings that are not joined: beside each other, upright, as their relative pose is unknown."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from miniloop_cli.geometry.upward import smallest_turn, up_direction
 from miniloop_cli.typing import Floats, Ints
 
 GAP = 0.15  # between pieces, of the size of the first one
-MARGIN_M = 2.0  # that a model reaches beyond its cameras
+MARGIN_M = 2.0  # extent of a model beyond its cameras
 
 
 def set_down(trajectories: Sequence[Floats], piece: Ints) -> Floats:
-    """(r, 4, 4) for recordings whose poses (n, 4, 4) are in the world of their `piece` (r,): from there to the view.
+    """(r, 4, 4) from the world of the `piece` (r,) of each recording, with poses (n, 4, 4), to the view.
 
-    The first piece stays where it is; each other one is turned upright and moved to the right of those before.
+    The first piece keeps its pose; each other one is turned upright and moved to the right of those before.
     """
     T_shown = np.tile(np.eye(4), (len(trajectories), 1, 1))
     first = _of(trajectories, piece, 0)

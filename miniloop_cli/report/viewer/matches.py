@@ -1,4 +1,4 @@
-"""Some matches of each edge that the 3D view shows, packed: enough to see on the two images what was matched."""
+"""Some matches of each edge in the 3D view, packed, to show on the two images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_MATCHES = 150_000  # of all edges together: some 5 bytes each
 
 
 def drawn_matches(data: ReportData, rows: Ints) -> tuple[Ints, bytes]:
-    """How many matches are drawn of each of these edges (m,), and all of them packed by `pack_matches`."""
+    """Number of drawn matches of each of these edges (m,), and all of them packed by `pack_matches`."""
     most = int(np.clip(MOST_MATCHES // max(len(rows), 1), LEAST_OF_EDGE, MOST_OF_EDGE))
     parts = [_of_edge(data, int(k), most) for k in rows]
     counts = np.array([len(px) for px, _ in parts], np.int64)

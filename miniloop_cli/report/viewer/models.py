@@ -1,4 +1,4 @@
-"""Models as a server hands them out: clouds in tiles, meshes as GLB files."""
+"""Models for the server: clouds in tiles, meshes as GLB files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Tiled:
 
 @dataclass(frozen=True)
 class Glb:
-    """A mesh as the bytes of a GLB file; `values` name its address and its turn."""
+    """A mesh as the bytes of a GLB file; `values` name its address and its rotation."""
 
     file: bytes
     values: dict[str, Any]
@@ -59,7 +59,7 @@ def tiled(points: NDArray[np.floating], colors: Bytes) -> Tiled:
 
 
 def read_model(path: Path) -> Tiled | Glb:
-    """A PLY cloud, a PLY mesh or a GLB file. Raises InputError for what is none."""
+    """A PLY cloud, a PLY mesh or a GLB file. Raises InputError for other files."""
     if path.suffix.lower() == ".glb":
         return read_glb(path)
     if not _has_faces(path):
@@ -74,7 +74,7 @@ def read_model(path: Path) -> Tiled | Glb:
 
 
 def read_glb(path: Path) -> Glb:
-    """A GLB file as it is. Raises InputError for another file, and for one that needs files beside it."""
+    """An unchanged GLB file. Raises InputError for another file, and for one that needs further files."""
     file = path.read_bytes()
     if file[:4] != b"glTF" or len(file) < 20:
         raise InputError(f"{path}: not a GLB file")

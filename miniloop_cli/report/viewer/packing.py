@@ -1,7 +1,7 @@
-"""Points as few bytes that a browser unpacks without a library: differences, in planes of bytes, deflated.
+"""Compact points that a browser unpacks without a library: differences, in planes of bytes, deflated.
 
-Neighbours in Morton order differ little, so their differences (modulo 2^16 and 2^8) deflate to less than half. Red and
-blue are kept as what they differ from green by, which they mostly follow (Malvar and Sullivan 2003).
+Neighbours in Morton order differ little, so their differences (modulo 2^16 and 2^8) compress well. Red and blue are
+stored as differences to green, which are mostly small (Malvar and Sullivan 2003).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from miniloop_cli.typing import Bytes
 
-LEVEL = 1  # of zlib: a twentieth larger than 6, in a sixth of the time
+LEVEL = 1  # of zlib: a little larger than level 6, but much faster
 
 
 def pack_points(steps: NDArray[np.uint16], colors: Bytes) -> bytes:
@@ -37,9 +37,9 @@ def unpack_points(packed: bytes) -> tuple[NDArray[np.uint16], Bytes]:
 
 
 def coarser(steps: NDArray[np.uint16], spacing: float) -> NDArray[np.uint16]:
-    """(n, 3) steps rounded to a power of two, at most an eighth of `spacing` steps: nobody sees it, and it packs well.
+    """(n, 3) steps rounded to a power of two, at most an eighth of `spacing` steps: invisible, and it packs well.
 
-    `spacing`: how far apart most points stand, in steps.
+    `spacing`: distance of most neighbouring points, in steps.
     """
     bits = max(int(np.log2(max(spacing / 8, 1))), 0)
     half = np.uint32((1 << bits) >> 1)

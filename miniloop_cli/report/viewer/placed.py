@@ -1,4 +1,4 @@
-"""Poses of all frames that can be shown: those of the trajectory, and pieces apart, set down beside it."""
+"""Display poses of all frames: those of the trajectory, and those of separate pieces, placed beside it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEAST_SIZE_M = 1.0
 class Placed:
     """T_world_cam (n, 4, 4), NaN without a pose; piece (n,): 0 the trajectory, 1, 2 ... pieces apart, -1 no pose.
 
-    Where the pieces stand to each other is not known: each is only set down beside the one before, upright.
+    The relative pose of the pieces is unknown: each is placed beside the one before, upright.
     """
 
     T_world_cam: Floats
@@ -34,8 +34,8 @@ class Placed:
 def place(data: ReportData, leveled: bool) -> Placed:
     """The poses of trajectory.txt by frame, and those of other pieces, chained along their verified edges.
 
-    The poses of other pieces are not refined, as no file holds them. Frames that only tracking joins to such a piece
-    have none.
+    The poses of other pieces are not refined, as no file has them. Frames that only tracking joins to such a piece have
+    none.
     """
     n = len(data.frames)
     T, piece = np.full((n, 4, 4), np.nan), np.full(n, -1)
@@ -66,7 +66,7 @@ def place(data: ReportData, leveled: bool) -> Placed:
 
 
 def _extent(T: Floats) -> tuple[float, float]:
-    """How far the model reaches from the cameras' centre, taken as half a metre more than they do, and its size."""
+    """Extent of the model from the cameras' centre, assumed half a metre beyond the cameras, and its size."""
     if not len(T):
         return 0.0, LEAST_SIZE_M
     size_m = max(float(np.ptp(T[:, :3, 3], axis=0).max()), LEAST_SIZE_M)
@@ -74,7 +74,7 @@ def _extent(T: Floats) -> tuple[float, float]:
 
 
 def _chained(data: ReportData, member: Bools) -> tuple[Floats, Bools]:
-    """(n, 4, 4) poses of the frames of one piece, its first frame's camera as world, and (n,) which could be had.
+    """(n, 4, 4) poses of the frames of one piece, its first frame's camera as world, and (n,) which have one.
 
     Breadth first, along the edges of the most inliers of each frame.
     """

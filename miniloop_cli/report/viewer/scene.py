@@ -1,4 +1,4 @@
-"""What the 3D view shows of a result, as plain values for JSON: frames, edges, ground truth, what is up."""
+"""The 3D view of a result as plain values for JSON: frames, edges, ground truth, upward direction."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Values = dict[str, Any]
 
 
 def scene(data: ReportData, evaluation: Evaluation | None) -> Values:
-    """Everything but points and images. Lengths in m, angles in deg, times in s; null where something is not known."""
+    """All values except points and images. Lengths in m, angles in deg, times in s; null for unknown values."""
     leveled = data.results.leveled
     placed = place(data, leveled)
     main = placed.T_world_cam[placed.piece == 0]
@@ -81,7 +81,7 @@ def frame_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def speeds(stamps_s: Floats, positions_m: Floats, piece: Ints) -> Floats:
-    """(n,) metres a second from the frame before to the one after, as far as both have poses of the same piece."""
+    """(n,) metres a second from the frame before to the one after, if both have poses of the same piece."""
     speed, own = np.full(len(stamps_s), np.nan), np.flatnonzero(piece >= 0)
     for number in set(piece[own].tolist()):
         rows = own[piece[own] == number]
@@ -94,7 +94,7 @@ def speeds(stamps_s: Floats, positions_m: Floats, piece: Ints) -> Floats:
 
 
 def ellipsoids(covariance: Floats | None, T_world_cam: Floats) -> list[list[float] | None]:
-    """Of each frame: standard deviations (m) along the axes of the position's ellipsoid, and these as x y z w.
+    """For each frame: standard deviations (m) along the axes of the position's ellipsoid, and the axes as x y z w.
 
     `covariance` (n, 6, 6) is of (w, v) in T_world_cam [exp(w) | v], so that the position moves by R v.
     """
@@ -125,7 +125,7 @@ def truth_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
         return None
     rows = nearest(data.frames.timestamp_s, evaluation.timestamps_s)
     T = placed.T_world_cam[rows[0]]
-    # All aligned poses are moved by the same rigid motion, and perhaps scaled: the first tells it.
+    # All aligned poses are moved by the same rigid motion, and perhaps scaled, so the first one determines it.
     R = evaluation.T_aligned[0, :3, :3] @ T[:3, :3].T
     scale = float(evaluation.numbers["scale"])
     shift = evaluation.T_aligned[0, :3, 3] - scale * R @ T[:3, 3]
@@ -137,7 +137,7 @@ def truth_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def edge_values(data: ReportData, posed: Bools) -> Values:
-    """Columns with an entry for each edge shown; posed (n,) marks the frames that are placed. Texts are numbered.
+    """Columns with an entry for each edge shown; posed (n,) marks the frames with a pose. Texts are numbered.
 
     `drawn`: how many of the matches in `packed` are of each edge.
     """

@@ -1,4 +1,4 @@
-"""A server for one page on this machine alone: bound to 127.0.0.1, and nothing without the token in its address."""
+"""A server for one page on this machine: bound to 127.0.0.1, and it answers only with the token in the address."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.report.viewer.shown import Shown
 
 HOST = "127.0.0.1"
-# As a report's, but the page may ask this server; GLB files hand their images over as blobs.
+# As for a report, but the page may request from this server; images of GLB files are blobs.
 POLICY = (
     "default-src 'none'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; script-src 'self'; "
     "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -28,12 +28,12 @@ TEXT = ("text/", "application/json")
 
 
 class ViewServer(ThreadingHTTPServer):
-    """Serves what is shown below /TOKEN/. `serve_forever` until an interrupt, `server_close` then."""
+    """Serves the page below /TOKEN/. Call `serve_forever` until an interrupt, then `server_close`."""
 
     daemon_threads = True
 
     def __init__(self, shown: Shown, port: int = 0) -> None:
-        """`port` 0: any that is free. Raises MiniloopError where the port is taken."""
+        """`port` 0: any free one. Raises MiniloopError if the port is in use."""
         self.shown, self.token = shown, secrets.token_urlsafe(16)
         try:
             super().__init__((HOST, port), _Handler)
@@ -46,7 +46,7 @@ class ViewServer(ThreadingHTTPServer):
         return f"http://{HOST}:{self.server_address[1]}/{self.token}/"
 
     def allows(self, host: str, token: str) -> bool:
-        """Whether a request is of this page; another name in `host` is of a site that leads here (DNS rebinding)."""
+        """Whether a request comes from this page; another `host` is a site that resolves to it (DNS rebinding)."""
         named = host in (f"{HOST}:{self.server_address[1]}", f"localhost:{self.server_address[1]}")
         return named and hmac.compare_digest(token.encode(), self.token.encode())
 
@@ -75,4 +75,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nothing: the terminal is the user's."""
+        """Log nothing, to keep the terminal free."""

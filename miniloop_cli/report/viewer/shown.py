@@ -1,4 +1,4 @@
-"""What `miniloop view` shows: a result with its model, or a model alone."""
+"""The content of `miniloop view`: a result with its model, or a model alone."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Answer = tuple[str, bytes]  # media type and content
 
 @dataclass(frozen=True)
 class Shown:
-    """All that a page asks for, by path. `values`: the scene."""
+    """All content that a page requests, by path. `values`: the scene."""
 
     values: dict[str, Any]
     model: Tiled | Glb | None
     images: FrameImages = field(default_factory=FrameImages)
 
     def answer(self, path: str) -> Answer | None:
-        """Media type and content of a path below the page's own; None for what there is not."""
+        """Media type and content of a path below the page's own; None if it does not exist."""
         name, _, rest = path.partition("/")
         if path == "":
             return "text/html", render("served.html", name=self.values["name"], version=__version__).encode(
@@ -73,7 +73,7 @@ class Shown:
 
 
 def show_result(data: ReportData, model_path: Path | None = None) -> Shown:
-    """A result with its cloud, or with the PLY model at `model_path`, which is of the same world.
+    """A result with its cloud, or with the PLY model at `model_path` in the same world.
 
     Raises InputError for a result without frames and for a model that cannot be read.
     """
@@ -95,7 +95,7 @@ def show_map(data: MapData, result: Path) -> Shown:
 
 
 def show_model(path: Path, up: str | None) -> Shown:
-    """A model alone. `up`: a key of UP; by default y in GLB files, as their standard has it, and z in others."""
+    """A model alone. `up`: a key of UP; by default y in GLB files, as in their standard, and z in others."""
     model = read_model(path)
     direction = UP[up or ("y" if path.suffix.lower() == ".glb" else "z")]
     return Shown(nothing_but_a_model(path.name, direction), model)
