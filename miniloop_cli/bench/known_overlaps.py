@@ -1,4 +1,4 @@
-"""A recording as the graph sees it, with its true poses: what experiments on edges begin with."""
+"""A recording with its matches and true poses, for experiments on edges."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
-RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge that is farther off is no estimate but a mistake
+RIGHT_DEG, RIGHT_M = 5.0, 0.10  # an edge with a larger error is wrong
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Scans, their points, matches of their pairs; true poses T_world_cam (n, 4, 4) and where they are `known` (n,)."""
+    """Scans, their points, matches of their pairs; true poses T_world_cam (n, 4, 4), `known` (n,) or not."""
 
     scans: ScanSet
     matches: Matches
@@ -46,25 +46,25 @@ class Overlaps:
         return self.scans.points
 
     def errors(self, pairs: ArrayLike, T_j_i: Floats) -> tuple[Floats, Floats]:
-        """Degrees (m,) and metres (m,) by which relative poses (m, 4, 4) of pairs are off; of scan j seen from i."""
+        """Errors, degrees (m,) and metres (m,), of relative poses (m, 4, 4) of pairs; of scan j relative to i."""
         i, j = np.asarray(pairs, np.int64).reshape(-1, 2).T
         E = se3.inverse(self.T_world_cam[i]) @ self.T_world_cam[j] @ np.reshape(T_j_i, (-1, 4, 4))
         return se3.angle_and_distance(E)
 
     def true_matches(self, pair: Pair, rows: Ints) -> int:
-        """How many of the matches (m, 2) the true relative pose brings within RIGHT_M of each other."""
+        """Number of matches (m, 2) within RIGHT_M under the true relative pose."""
         edge = edge_matches(self.points, pair, rows)
         T_j_i = se3.inverse(self.T_world_cam[pair[1]]) @ self.T_world_cam[pair[0]]
         return int((np.linalg.norm(se3.transform(T_j_i, edge.p) - edge.q, axis=1) < RIGHT_M).sum())
 
 
 def right(deg: Floats, metres: Floats) -> Bools:
-    """Which errors (m,) are those of an estimate, not of a mistake."""
+    """Whether (m,) errors deg (m,) and metres (m,) are those of right edges."""
     return (deg < RIGHT_DEG) & (metres < RIGHT_M)
 
 
 def read_overlaps(folder: Path, settings: Settings, max_frames: int | None, workers: Workers) -> Overlaps:
-    """Features and matches of all pairs of a recording. Raises InputError if it comes without ground truth."""
+    """Features and matches of all pairs of a recording. Raises InputError if it has no ground truth."""
     sequence, truth = open_with_truth(folder, max_frames)
     scans = extract(sequence, settings.features, settings.depth, Run(Store(default_folder()), workers))
     pairs = listed_pairs(len(scans), "auto", settings.matching)

@@ -23,7 +23,7 @@ Loop = tuple[int, ...]
 Errors = dict[tuple[str, str], tuple[float, float]]  # by method and variant
 
 SCANS = 5
-# All pairs that one of the methods uses: the chain 1-2-3-4-5 and what closes its cycles.
+# All pairs that a method uses: the chain 1-2-3-4-5 and the closing edges of its cycles.
 NEEDED = sorted({edge for segments in METHODS.values() for segment in segments for edge in edges_of(segment)})
 PAPER_REAL = PAPER.model_copy(update={"threshold_m": 0.10, "iterations": 2000})
 VARIANTS = {
@@ -38,13 +38,13 @@ PAPER_NUMBERS = {  # deg, cm; shares better than pairwise (rotation, translation
     "5-cycle": (0.77, 2.60, 0.63, 0.46, 0.08, 0.09),
 }
 COLUMNS = ("rot_deg_mean", "trans_cm_mean", "rot_better", "trans_better", "rot_equal", "trans_equal")
-TRIES = 1000  # random walks a wanted loop; a graph that yields none has too few loops
+TRIES = 1000  # random walks for each loop; a graph without success has too few loops
 
 
 def draw_loops(matches: Matches, known: Bools, count: int, rng: np.random.Generator) -> list[Loop]:
     """`count` different sequences of five scans in order of time, with matches between all pairs that are NEEDED.
 
-    `matches` are the edges, `known` (n,) the scans with ground truth. Fewer where the graph has no more.
+    `matches` are the edges, `known` (n,) the scans with ground truth. Fewer if the graph has no more.
     Raises RegistrationError if it has none.
     """
     later: dict[int, set[int]] = {}
@@ -80,9 +80,9 @@ def minisequence_rows(
 ) -> Iterator[Row]:
     """Rows a recording, config, variant and method: mean errors of the motion from scan 1 to scan 5.
 
-    `configs` say what is detected and matched; `min_matches` make an edge (without it, as many as leave the paper's
-    share of the pairs). Beside the errors, how often they are less than pairwise, or equal to it. Each loop has a
-    generator of its own, so that rows do not depend on the number of jobs.
+    `configs`: settings of features and matching; `min_matches` of an edge (default: gives the paper's share of the
+    pairs). Rows also have the shares of errors less than pairwise, and equal to it. Each loop has its own generator, so
+    rows do not depend on the number of jobs.
     """
     named = {config: load_settings(config) for config in configs}
     for folder in sequences:

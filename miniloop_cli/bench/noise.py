@@ -31,10 +31,10 @@ Edges = dict[tuple[int, int], EdgeMatches]
 
 CAMERAS, POINTS, SIDE = 5, 400, 400.0
 SHARED = (0.2, 0.7)
-# Standard deviation of a coordinate by distance from the camera; the levels of either sweep and what the other holds.
+# Standard deviation of a coordinate over the distance from the camera; the levels of each sweep and the fixed values.
 NOISE, NOISE_FIXED = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05), 0.02
 OUTLIERS, OUTLIERS_FIXED = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2
-# No point is known better than this (units): covariances must not be singular.
+# Smallest standard deviation (units) of a point, so that covariances are not singular.
 LEAST_SIGMA = 1e-3
 METHODS: dict[str, list[tuple[int, ...]]] = {
     "pairwise": [(0, 1), (1, 2), (2, 3), (3, 4)],
@@ -120,7 +120,7 @@ def run_trial(seed: Sequence[int], noise: float, outliers: float) -> dict[tuple[
 def noise_rows(trials: int, seed: int, workers: Workers) -> list[Row]:
     """One row for each sweep, level, method and variant: means and medians over `trials` scenes.
 
-    Every trial has a generator of its own, so that rows do not depend on the number of jobs.
+    Every trial has its own generator, so rows do not depend on the number of jobs.
     """
     settings = [("noise", level, OUTLIERS_FIXED) for level in NOISE]
     settings += [("outliers", NOISE_FIXED, level) for level in OUTLIERS]
@@ -152,7 +152,7 @@ def _summary(found: Floats) -> dict[str, float | None]:
     names = ("rot_deg", "trans", "inliers_percent")
     kinds: dict[str, Callable[[Floats], Any]] = {"mean": np.mean, "median": np.median}
     return {
-        # Below the ninth digit is rounding, which differs with where an array happens to lie in memory.
+        # Digits beyond the ninth are rounding errors, which depend on the alignment of arrays in memory.
         f"{name}_{kind}": round(float(of(found[:, i])), 9) if len(found) else None
         for i, name in enumerate(names)
         for kind, of in kinds.items()

@@ -1,4 +1,4 @@
-"""The minimal solvers on exact random problems: how many solutions, is the truth among them, how long does a call take.
+"""The minimal solvers on exact random problems: number of solutions, share with the true one, time of a call.
 
 The paper's figure of the number of solutions and its table of computation times (sec. 5.1), for all solvers.
 """
@@ -23,7 +23,7 @@ from miniloop_cli.solvers import SOLVERS, load
 from miniloop_cli.solvers.batch import MinimalSolver, edges_of, match_residuals
 from miniloop_cli.typing import Floats
 
-# Truth counts as found if rotation (largest entry) and translation (relative to the cube) agree so well.
+# The truth is found if errors of rotation (largest entry) and translation (relative to the cube) are smaller.
 TOLERANCE = 1e-6
 CHUNK = 1000
 REPEATS = 3
@@ -32,7 +32,7 @@ RANSAC_CALLS, RANSAC_HYPOTHESES = 10, 2000
 
 
 class Paper(NamedTuple):
-    """What the paper says of a solver: microseconds a call in Matlab, maximum number of solutions."""
+    """The paper's numbers of a solver: microseconds a call in Matlab, maximum number of solutions."""
 
     us: float | None = None
     max_solutions: int | None = None
@@ -50,7 +50,7 @@ PAPER = {
 
 
 def _seconds(call: Callable[[int], object], count: int) -> float:
-    """Time of call(0), .., call(count - 1), each the fastest of a few: other programs only ever slow it down."""
+    """Time of call(0), .., call(count - 1), each the fastest of a few, as other programs only slow it down."""
     total = 0.0
     for i in range(count):
         fastest = np.inf
@@ -69,7 +69,7 @@ def solver_row(name: str, problems: int, rng: np.random.Generator) -> Row:
     found, residual, histogram = 0, 0.0, np.zeros(solver.max_solutions + 1, np.int64)
     for i in range(0, problems, CHUNK):
         part = slice(i, i + CHUNK)
-        # Real solutions only: on exact data the real part of a complex pair is no solution.
+        # Real solutions only, as on exact data the real part of a complex pair is not a solution.
         T, counts = solver.solve_batch(p[part], q[part], nearly_real=0.0)
         histogram += np.bincount(counts, minlength=len(histogram))
         error = np.abs(T - truth[part, None, :, :3]).max(axis=(2, 3, 4))
@@ -125,9 +125,9 @@ def _ransac_ms(edges: int, upright: bool) -> float:
 def solver_rows(
     problems: int, seed: int, names: Sequence[str] = tuple(SOLVERS), workers: Workers | None = None
 ) -> list[Row]:
-    """One row a solver; each draws its problems from a generator of its own: rows do not depend on each other.
+    """One row a solver; each has its own generator, so rows do not depend on each other.
 
-    `workers` say whether progress is shown: seconds are measured on one thread.
+    `workers` only control the progress display, as times are measured on one thread.
     """
     quiet = workers is None or workers.quiet
     return [

@@ -27,8 +27,8 @@ from miniloop_cli.typing import Bools, Floats
 PAPER_CYCLES = {"freiburg1_room": (58, 1, 1, 74), "freiburg1_xyz": (57, 0, 1, 338), "freiburg2_desk": (53, 2, 2, 124)}
 PAPER_ERRORS = {"freiburg1_room": (1.96, 4.52), "freiburg1_xyz": (0.740, 2.44), "freiburg2_desk": (1.33, 2.26)}
 CYCLE_COLUMNS = ("pairwise", "cycle3", "cycle4", "cycle5")
-EDGE_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of all pairs, besides the paper's: what other T leave
-RUNS = {  # what is registered: preset, and what is changed on top
+EDGE_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of all pairs, besides the paper's
+RUNS = {  # runs: preset, and further changes
     "paper": ("paper", ("matching.pairs=exhaustive",)),
     "default": ("default", ()),
     "default, averaging only": ("default", ("refine=none",)),
@@ -58,15 +58,15 @@ def cycle_rows(graph: Overlaps, config: str, longest: int = 5) -> list[Row]:
 def error_rows(folder: Path, graph: Overlaps, config: str, seed: int, workers: Workers) -> list[Row]:
     """Mean errors of the final relative poses over the edges of the paper-like graph, for every one of RUNS.
 
-    All rows are measured on the same edges; a run's scans that have no pose take their edges out, which is counted.
-    Beside them the mean errors of the edges' own estimates, before averaging.
+    All rows are measured on the same edges, except those of scans without a pose, which are counted. Rows also have the
+    mean errors of the edges' own estimates, before averaging.
     """
     edges = graph.with_matches(graph.least_as_in_paper)
     known = paper_sequence(graph.sequence.name)
     rows = []
     for name, (preset, changes) in RUNS.items():
         settings = load_settings(preset, changes)
-        if preset == "paper":  # which compares SURF by a T of its own
+        if preset == "paper":  # which has its own T, for SURF
             own = overlaps(folder, settings, workers).least_as_in_paper
             settings = load_settings(preset, (*changes, f"matching.min_matches={own}"))
         run: Registration | None
@@ -98,11 +98,11 @@ def _errors(run: Registration | None, graph: Overlaps, edges: Matches) -> Row:
 
 
 def _estimates(own: Sequence[Edge], T_true: Floats, reached: Bools) -> tuple[Floats | None, Floats | None]:
-    """Degrees and metres by which the edges' own estimates are off."""
+    """Errors, degrees and metres, of the edges' own estimates."""
     own = [edge for edge in own if reached[edge.i] and reached[edge.j]]
     if not own:
         return None, None
-    # Each edge as two poses: scan i at the origin, scan j where the estimate puts it.
+    # Each edge as two poses: scan i at the origin, scan j at its estimate.
     T = np.array([matrix for edge in own for matrix in (edge.T_j_i, np.eye(4))])
     true = np.array([matrix for edge in own for matrix in (T_true[edge.i], T_true[edge.j])])
     return relative_errors(T, true, np.arange(2 * len(own)).reshape(-1, 2))
@@ -117,7 +117,7 @@ def _means(deg: Floats | None, metres: Floats | None) -> Row:
 
 
 def table_rows(sequences: Iterable[Path], config: str, seed: int, workers: Workers) -> Iterator[Row]:
-    """Both tables of each recording; `config` says what is detected and matched for the graph of the first."""
+    """Both tables of each recording; `config`: settings of features and matching for the graph of the first."""
     settings = load_settings(config)
     for folder in sequences:
         graph = overlaps(folder, settings, workers)

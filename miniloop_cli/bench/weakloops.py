@@ -1,8 +1,8 @@
-"""Edges with few matches, solved alone and in cycles: which share of them comes out right.
+"""Edges with few matches, solved alone and in cycles: the share of right edges.
 
-Weak edges are made by thinning the matches of well connected pairs of a recording, or are taken as they are. Each is
-solved as a pair and as the weakest edge of one cycle of every length, with the same matches, the same fixed number of
-hypotheses and the same final refinement. The other edges of a cycle are strong, or as weak as the edge itself.
+Weak edges are real, or thinned: random subsets of the matches of strong pairs. Each is solved as a pair and as the
+weakest edge of one cycle of every length, with the same matches, the same fixed number of hypotheses and the same final
+refinement. The other edges of a cycle are strong, or as weak as the edge itself.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from miniloop_cli.typing import Ints, Pair
 
 BINS = ((8, 11), (12, 15), (16, 20), (21, 25))  # matches of a weak edge
 MIN_MATCHES, MAX_MATCHES = BINS[0][0], BINS[-1][1]
-DRAWN = 10  # edges that a point of the picture stands for, at least
+DRAWN = 10  # smallest number of edges for a point of the figure
 STRONG = 40  # matches from which an edge can be a strong partner
-LEAST_TRUE = 5  # matches that the truth brings together; with fewer, no estimator can be expected to find it
+LEAST_TRUE = 5  # true matches; with fewer, no estimator is expected to find the pose
 LENGTHS = (3, 4, 5, 6, 7)
 KINDS, PARTNERS = ("thinned", "real"), ("strong", "weak")
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A weak edge, and one cycle of each length through it; `matches` of all edges that occur."""
+    """A weak edge, and one cycle of each length through it; `matches` of all their edges."""
 
     pair: Pair
     cycles: dict[int, Cycle]
@@ -80,7 +80,7 @@ def _some(rows: Ints, rng: np.random.Generator) -> Ints:
 
 
 def random_cycle(graph: nx.Graph, pair: Pair, length: int, rng: np.random.Generator) -> Cycle:
-    """A cycle of `length` scans over the edge `pair` and else edges of the graph; empty if there is none."""
+    """A cycle of `length` scans over the edge `pair` and edges of the graph; empty if there is none."""
     left = nx.restricted_view(graph, [], [pair] if graph.has_edge(*pair) else [])
     steps = nx.single_source_shortest_path_length(left, pair[1], cutoff=length - 1)
 
@@ -104,7 +104,7 @@ def random_cycle(graph: nx.Graph, pair: Pair, length: int, rng: np.random.Genera
 def solve_loop(
     loop: Loop, overlaps: Overlaps, hypotheses: int, seed: int
 ) -> dict[str, tuple[bool, float, float, float]]:
-    """Of each solver: is the edge right, its errors (degrees, metres; infinite without an estimate), CPU seconds."""
+    """By solver: whether the edge is right, its errors (degrees, metres; infinite without an estimate), CPU seconds."""
     settings, chi2 = Ransac(iterations=hypotheses, adaptive=False), load_settings().verification.chi2
     results = {}
     for scans, cycle in ({2: loop.pair} | loop.cycles).items():

@@ -1,4 +1,4 @@
-"""`miniloop compare`: where two results differ."""
+"""`miniloop compare`: the differences of two results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`miniloop completion SHELL`, and what the shell may complete: presets, settings, layouts."""
+"""`miniloop completion SHELL`, and the completions: presets, settings, layouts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from click.shell_completion import CompletionItem
 
 from miniloop_cli.cli.main import CONTEXT, PROGRAM, cli
 
-# Where each shell looks for it.
+# The file of the script for each shell.
 FILES = {
     "bash": "~/.local/share/bash-completion/completions/miniloop",
     "zsh": "~/.zfunc/_miniloop   (with: fpath+=~/.zfunc before compinit in ~/.zshrc)",
@@ -36,7 +36,7 @@ def completion(shell: str) -> None:
 
 
 def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Presets that begin so; else files."""
+    """Presets with this prefix; else files."""
     from miniloop_cli.presets import PRESETS
 
     found = [CompletionItem(name) for name in PRESETS if name.startswith(incomplete)]
@@ -44,7 +44,7 @@ def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def complete_key(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Dotted keys of settings that begin so, with their meaning where the shell shows it."""
+    """Dotted keys of settings with this prefix, and their meaning for shells that show it."""
     from miniloop_cli.presets import keys
 
     return [CompletionItem(k, help=field.description) for k, field in keys().items() if k.startswith(incomplete)]
@@ -64,7 +64,7 @@ def complete_assignment(ctx: click.Context, param: click.Parameter, incomplete: 
 
 
 def complete_layout(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Layouts of recordings that begin so."""
+    """Layouts of recordings with this prefix."""
     from miniloop_cli.datasets import known_layouts
 
     return [CompletionItem(name) for name in known_layouts() if name.startswith(incomplete)]

@@ -1,4 +1,4 @@
-"""`miniloop config`: which settings there are, what they mean, and which are in effect."""
+"""`miniloop config`: the settings, their meaning, and their values."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def config() -> None:
 def show(name: str, overrides: tuple[str, ...]) -> None:
     """Print the settings of a preset or file (default: default) as YAML, each with its meaning.
 
-    What is printed can be saved, edited and given to `register --config`.
+    The output can be saved, edited and given to `register --config`.
 
     \b
     Example:   miniloop config show fast --set features.count=2000
@@ -56,7 +56,7 @@ def schema() -> None:
 @config.command(context_settings=CONTEXT, short_help="What a setting does and what it may be.")
 @click.argument("key", metavar="KEY", shell_complete=options.complete("complete_key"))
 def explain(key: str) -> None:
-    """Say what a setting does, what it may be, and what the presets make of it; KEY may be a section.
+    """Explain a setting: its meaning, its possible values, and its values in the presets. KEY may be a section.
 
     \b
     Example:   miniloop config explain ransac.threshold_m
@@ -76,7 +76,7 @@ def unknown_key(key: str, known: list[str]) -> Exception:
 
     from miniloop_cli.errors import ConfigError
 
-    # "treshold_m" means ransac.threshold_m: compare with the last part alone, too.
+    # "treshold_m" means ransac.threshold_m, so the last part alone is compared as well.
     tails = {name.rpartition(".")[2]: name for name in reversed(known)}
     near = difflib.get_close_matches(key, known, n=1)
     near = near or [tails[tail] for tail in difflib.get_close_matches(key.rpartition(".")[2], tails, n=1)]
@@ -97,7 +97,7 @@ def explanation(key: str, field: FieldInfo) -> str:
 
 
 def allowed(field: FieldInfo) -> str:
-    """What a setting may be, in words: its choices, or its type and range."""
+    """The possible values of a setting in words: its choices, or its type and range."""
     from miniloop_cli.setting_choices import choices
 
     if named := choices(field):

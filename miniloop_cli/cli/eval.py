@@ -11,7 +11,7 @@ import click
 from miniloop_cli.cli import options
 from miniloop_cli.cli.main import CONTEXT
 
-# The names of geometry.conventions, which is not imported for them: numpy would be.
+# The names in geometry.conventions, repeated here as importing it imports numpy.
 CONVENTIONS = [
     *("camera-to-world", "world-to-camera", "opengl", "opengl-world-to-camera"),
     *("w-first", "w-first-world-to-camera", "left-handed", "body"),

@@ -13,7 +13,7 @@ from miniloop_cli.cli.main import CONTEXT
 if TYPE_CHECKING:
     from miniloop_cli.export.model import Model
 
-# Format: the function that writes it, and what it is.
+# Format: the function that writes it, and its description.
 FORMATS = {
     "tum": ("plain:write_tum", "trajectory.txt: timestamp tx ty tz qx qy qz qw"),
     "kitti": ("plain:write_kitti", "poses.txt (3 x 4 matrices) and times.txt"),
@@ -83,7 +83,7 @@ def export(
 def open_model(
     result: Path | None, sequence: Path | None, layout: str | None, camera: Path | None, follow_links: bool = False
 ) -> Model:
-    """The results folder, the newest by default, with the recording: the given one, else where the run found it.
+    """The results folder, the newest by default, with the recording: the given one, else that of the run.
 
     The camera is that of the run, unless another one is given.
     """
@@ -98,4 +98,4 @@ def open_model(
     if sequence:
         return Model(results, open_sequence(sequence, layout, camera, follow_links=follow_links))
     found, problem = reopened(results, layout, camera, follow_links)
-    return Model(results, found, problem)  # without it, a format that needs it asks for it
+    return Model(results, found, problem)  # a format that needs it raises an error without it

@@ -1,4 +1,4 @@
-"""`miniloop locate MAP IMAGE...`: where in a map images were taken."""
+"""`miniloop locate MAP IMAGE...`: the poses of images in a map."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def locate(
 def _located(
     opened: Map, images: tuple[Path, ...], depth: Path | None, camera_path: Path | None
 ) -> Iterator[tuple[str, Location | InputError]]:
-    """Name and place of each image; why, where one cannot be read."""
+    """Name and location of each image; an error if it cannot be read."""
     from miniloop_cli.datasets.camera_files import read_camera_file
     from miniloop_cli.datasets.single_images import is_recording, listed_images, read_single, recorded_images
 
@@ -77,7 +77,7 @@ def _located(
 
 
 def _row(opened: Map, name: str, location: Location | InputError) -> dict[str, Any]:
-    """What JSON says of an image."""
+    """The values of an image for JSON."""
     if isinstance(location, InputError):
         location_row: dict[str, Any] = {"found": False, "sure": False, "reason": f"cannot be read: {location}"}
         return {"image": name} | location_row | {"T_world_cam": None, "covariance": None, "inliers": 0, "keyframes": []}

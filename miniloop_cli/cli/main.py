@@ -1,6 +1,6 @@
-"""The launcher: finds the command, runs it, turns every known error into one line and exit status 1.
+"""The launcher: finds the command, runs it, reports every known error in one line with exit status 1.
 
-Commands are imported only when they run, so that `--help` and completion are instant.
+Commands are imported only when they run, so `--help` and completion are fast.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from miniloop_cli.runtime.signals import heeded_interrupts
 from miniloop_cli.version import __version__
 
 PROGRAM = "miniloop"
-# What imports make stays: looking for garbage among it every 700 objects took a fifteenth of a repeated run.
+# Imported objects stay alive, so frequent garbage collection costs time without any effect.
 YOUNG_OBJECTS = 50_000
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -49,7 +49,7 @@ COMMANDS = {
 
 
 class LazyGroup(click.Group):
-    """A group whose commands may be named by "module:attribute" and imported on use; suggests near names."""
+    """A group whose commands may be named by "module:attribute" and imported on use; suggests similar names."""
 
     def __init__(self, *args: Any, lazy: dict[str, str] | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -100,9 +100,9 @@ def main(args: list[str] | None = None, command: click.Command = cli, program: s
 
 
 def _open_closed_streams() -> None:
-    """Services, windows without a console and `>&-` leave no stdout or stderr: what is said there goes nowhere."""
+    """Replace a missing stdout or stderr (services, windows without a console, `>&-`) by the null device."""
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # open as long as the process lives
+        if getattr(sys, name) is None:  # open until the process ends
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
 
 
@@ -110,7 +110,7 @@ def _run(command: click.Command, args: list[str], program: str) -> None:
     debug = "--debug" in args or bool(os.environ.get("MINILOOP_DEBUG"))
     try:
         prepare_kernels_folder()
-        # --debug is taken wherever it stands: people add it to the end of the command that failed.
+        # --debug is accepted at any position, as people append it to the command that failed.
         command.main(args=[arg for arg in args if arg != "--debug"], prog_name=program, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
@@ -123,9 +123,9 @@ def _run(command: click.Command, args: list[str], program: str) -> None:
             _end_interrupted()
         if debug or not (isinstance(error, (MiniloopError, OSError)) or out_of_memory(error)):
             raise
-        if not isinstance(error, BrokenPipeError):  # there, whoever read the output has gone and wants no more
+        if not isinstance(error, BrokenPipeError):  # then the reader of the output has closed it
             click.echo(f"miniloop: {_one_line(error)}", err=True)
-        with suppress(OSError):  # what could not be printed is not tried again when the interpreter ends
+        with suppress(OSError):  # the interpreter does not try again to print it at its end
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 

@@ -57,9 +57,9 @@ def mesh(
     memory: int,
     quiet: bool,
 ) -> None:
-    """Fuse the scans of the result in DIR (default: the newest) to one surface.
+    """Fuse the scans of the result in DIR (default: the newest) into one surface.
 
-    A folder gets mesh.ply and fused_cloud.ply. In a GLB file, y is up.
+    In a folder, mesh.ply and fused_cloud.ply are written. In a GLB file, y is up.
 
     \b
     Example:   miniloop mesh results/desk -o desk.glb
@@ -91,7 +91,7 @@ def mesh(
 
 
 def mesh_path(output: Path | None) -> Path | None:
-    """The file that `-o` names; None for a folder. Raises UsageError for a mesh format that is not written."""
+    """The file that `-o` names; None for a folder. Raises UsageError for an unsupported format."""
     from miniloop_cli.export.mesh_file import OTHER_SUFFIXES, SUFFIXES
 
     if output is None or output.is_dir():

@@ -1,4 +1,4 @@
-"""Options that several commands share, and how they write JSON and long lines."""
+"""Common options of commands, and their output of JSON and long lines."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _only_errors(ctx: click.Context, param: click.Parameter, quiet: bool) -> boo
     logger = logging.getLogger("miniloop")
     if quiet:
         logger.setLevel(logging.ERROR)
-    elif logger.level == logging.ERROR:  # left by another command of this process
+    elif logger.level == logging.ERROR:  # set by another command in this process
         logger.setLevel(logging.NOTSET)
     return quiet
 
@@ -108,7 +108,7 @@ def output_dir(default: str) -> Callable:
 
 
 def write_json(path: str, data: Any) -> None:
-    """JSON to a file (whole or not at all), or to stdout for '-'."""
+    """Write JSON to a file (completely or not at all), or to stdout for '-'."""
     text = json.dumps(data, indent=1, allow_nan=False) + "\n"
     if path == "-":
         click.echo(text, nl=False)
@@ -118,7 +118,7 @@ def write_json(path: str, data: Any) -> None:
 
 
 def wrapped(text: str, indent: str = "  ", width: int = 80) -> str:
-    """A line broken at words so that it fits; what is carried over is indented."""
+    """A line broken at words to fit the width; further lines are indented."""
     import textwrap
 
     return "\n".join(

@@ -41,8 +41,7 @@ def plot(
 ) -> None:
     """Paths from above and from the side, errors over time and their histogram, of each RESULT (default: the newest).
 
-    A RESULT is a results folder or a trajectory of another program. The colours are those that colour-blind eyes tell
-    apart.
+    A RESULT is a results folder or a trajectory of another program. The colours are distinct for colour-blind readers.
 
     \b
     Example:   miniloop plot results/desk orbslam.txt --gt data/freiburg1_desk -o desk.pdf

@@ -1,4 +1,4 @@
-"""What a run found, as `miniloop register` prints it."""
+"""The summary of a run that `miniloop register` prints."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from miniloop_cli.cli import options
 if TYPE_CHECKING:
     from miniloop_cli.scene.registration import Registration
 
-MOST_REASONS = 8  # that are shown
+MOST_REASONS = 8  # shown at most
 
 
 def _followed_words(numbers: dict[str, Any]) -> str:
-    """That points were followed through the recording, and what became a keyframe."""
+    """The numbers of keyframes and tracked frames in words."""
     return f"{numbers['keyframes']}; points were followed through the frames between them"
 
 
 def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> None:
-    """What was found, as a table that fits 80 columns; the verdict last."""
+    """Print the results as a table of 80 columns; the verdict last."""
     import numpy as np
 
     from miniloop_cli.results.calibration import one_line
@@ -51,7 +51,7 @@ def print_summary(run: Registration, folder: Path, numbers: dict[str, Any]) -> N
             reasons.setdefault(frame_status(run, index)[1], []).append(index)
     for why, frames in sorted(reasons.items(), key=lambda item: (-len(item[1]), item[1]))[:MOST_REASONS]:
         named = f"frame{'s' * (len(frames) > 1)} {runs(np.array(frames))}"
-        # What cannot be read names its frame itself.
+        # Messages on unreadable files name their frame already.
         click.echo(options.wrapped("no pose for " + (why if why.startswith("frame ") else f"{named}: {why}")))
     if len(reasons) > MOST_REASONS:
         click.echo(f"... and more: see {folder / 'frames.csv'}")

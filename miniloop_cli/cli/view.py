@@ -1,4 +1,4 @@
-"""`miniloop view`: a result or a model in the browser, served from this machine to this machine."""
+"""`miniloop view`: a result or a model in the browser, served on this machine only."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _what(
     up: str | None,
     quiet: bool,
 ) -> Shown:
-    """A result, with its recording where that can be opened, or a model."""
+    """A result, with its recording if that can be opened, or a model. Raises InputError."""
     from miniloop_cli.errors import InputError
     from miniloop_cli.report.viewer.map_scene import load_map
     from miniloop_cli.report.viewer.shown import show_map, show_model, show_result

@@ -22,7 +22,7 @@ def consecutive_pairs(n: int) -> Ints:
 
 
 def pairs_apart(timestamps_s: Floats, delta_s: float, tolerance: float = 0.1) -> Ints:
-    """(m, 2): each pose with the pose nearest to `delta_s` later, where that is met within `tolerance` of delta."""
+    """(m, 2): each pose with the pose nearest to `delta_s` later, if that is within `tolerance` of delta."""
     if len(timestamps_s) < 2:
         return np.empty((0, 2), np.int64)
     i = np.arange(len(timestamps_s))
@@ -32,7 +32,7 @@ def pairs_apart(timestamps_s: Floats, delta_s: float, tolerance: float = 0.1) ->
 
 
 def statistics(errors: Floats) -> dict[str, float | None]:
-    """mean, median, rmse, max of (n,) errors; None where there are none."""
+    """mean, median, rmse, max of (n,) errors; None if there are none."""
     if not len(errors):
         return dict.fromkeys(("mean", "median", "rmse", "max"))
     return {

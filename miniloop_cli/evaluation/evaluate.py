@@ -1,4 +1,4 @@
-"""A trajectory against its ground truth: one dictionary of numbers, each with the protocol it was measured by."""
+"""A trajectory against its ground truth: one dictionary of numbers, with their protocol."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from miniloop_cli.typing import Floats, Ints
 
 @dataclass(frozen=True)
 class Protocol:
-    """How the numbers are measured. alignment: "SE3" or "Sim3"; association: "interpolate" or "nearest"."""
+    """The protocol of the numbers. alignment: "SE3" or "Sim3"; association: "interpolate" or "nearest"."""
 
     alignment: str = "SE3"
     association: str = "interpolate"
-    max_diff_s: float = 0.02  # a sample this near to a frame's stamp is always enough
+    max_diff_s: float = 0.02  # a sample this near to a frame's stamp suffices
     max_gap_s: float = 0.1  # association "interpolate": or samples around the stamp that are at most this far apart
-    delta_s: float = 1.0  # the time apart of the pairs in rpe "seconds"
+    delta_s: float = 1.0  # time between the frames of a pair in rpe "seconds"
     convention: str = "camera-to-world"  # of the ground truth: a name of geometry.conventions, or "body"
 
     def describe(self) -> str:
@@ -68,8 +68,8 @@ def evaluate(
 ) -> Evaluation:
     """Absolute error after alignment on positions; relative errors over edges, consecutive poses and one second.
 
-    `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph, `edges_are` what the
-    protocol calls them. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory.
+    `edge_stamps_s`: (e, 2) time stamps of the two frames of each edge of the overlap graph, `edges_are` their
+    name in the protocol. Relative errors need no alignment; with "Sim3" they are measured on the scaled trajectory.
     "consecutive" are neighbours among the poses that have ground truth, as in evo.
     Raises MiniloopError if fewer than three poses have ground truth, and if its poses are of another convention.
     """

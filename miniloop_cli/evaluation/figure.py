@@ -1,4 +1,4 @@
-"""One figure of several trajectories for a paper: from above and from the side, over time, and how often."""
+"""One figure of several trajectories for a paper: top view, side view, values over time, histogram."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which colour-blind eyes tell apart, the darker ones first; lines differ in their dashes, too.
+# Okabe and Ito's colours, distinct for colour-blind readers, darker ones first; lines also differ in their dashes.
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 DASHES = ("-", "--", "-.", ":")
 FORMATS = ("pdf", "svg", "png")
@@ -29,7 +29,7 @@ STYLE: Any = {
     "legend.fontsize": 7,
     "lines.linewidth": 1.1,
     "axes.linewidth": 0.6,
-    "pdf.fonttype": 42,  # fonts as fonts, which journals ask for
+    "pdf.fonttype": 42,  # embedded fonts, as journals require
     "svg.hashsalt": "miniloop",  # the same file for the same input
 }
 
@@ -47,7 +47,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """What the values of all lines are: words with unit, and by how much they are multiplied to be in it."""
+    """The quantity of the values of all lines: name with unit, and the factor to this unit."""
 
     words: str
     scale: float
@@ -74,16 +74,16 @@ def paper_figure(lines: list[Line], truth_m: Floats | None, panel: Panel, width_
         _values(time, often, lines, panel)
         if len(lines) > 1 or truth_m is not None:
             figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
-        figure.draw_without_rendering()  # with these fonts, and not with those of whoever saves it
+        figure.draw_without_rendering()  # with these fonts, not with those at the time of saving
     return figure
 
 
 def _values(time: Axes, often: Axes, lines: list[Line], panel: Panel) -> None:
-    """Values over the seconds since the first pose of all, and how often each occurs."""
+    """Values over the seconds since the first pose of all, and their histogram."""
     start_s = min((line.stamps_s[0] for line in lines if len(line.stamps_s)), default=0.0)
     known = [panel.scale * line.values[np.isfinite(line.values)] for line in lines]
     joined = np.concatenate([*known, np.zeros(1)])
-    # The farthest hundredth is counted in the last bin: one bad pose must not hide all others.
+    # The largest hundredth is counted in the last bin, so that one bad pose does not hide all others.
     top = max(float(np.quantile(joined, 0.99)) * 1.02, 1e-9)
     edges = np.linspace(0, top, BINS + 1)
     for number, (line, values) in enumerate(zip(lines, known, strict=True)):
@@ -102,12 +102,12 @@ def _look(number: int) -> dict[str, Any]:
 
 
 def _label(line: Line) -> str:
-    """A name as it is: a dollar sign would begin a formula, an underscore in front would hide it."""
+    """A literal name: a dollar sign would start a formula, a leading underscore would hide it."""
     return f" {line.name}".replace("$", r"\$") if line.name.startswith("_") else line.name.replace("$", r"\$")
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as its suffix says, whole or not at all, the same bytes each time.
+    """Write a figure in the format of its suffix, completely or not at all, with the same bytes each time.
 
     Raises MiniloopError for a suffix that is not in FORMATS.
     """

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TRUTH, ESTIMATE = "#8a8f98", "#1f5fbf"
 # Column of the horizontal and of the vertical axis of each view, and the sign of the latter.
-WORLD_VIEWS = {"top (x, y)": (0, 1, 1), "side (x, z)": (0, 2, 1)}  # z up, as motion capture has it
+WORLD_VIEWS = {"top (x, y)": (0, 1, 1), "side (x, z)": (0, 2, 1)}  # z up, as in motion capture
 CAMERA_VIEWS = {"top (x, z)": (0, 2, 1), "side (z, -y)": (2, 1, -1)}  # the first camera's axes: y down, z forward
 
 
@@ -30,7 +30,7 @@ def write_plots(evaluation: Evaluation, folder: Path) -> list[Path]:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, without the date that would make two runs differ."""
+    """Write a figure as PNG, without a date, so that two runs give the same bytes."""
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=130, metadata={"Software": None})
     return path

@@ -1,1 +1,1 @@
-"""A look at a recording before any run: what it is, what looks wrong, and what to do about it."""
+"""Checks of a recording before a run: its properties, possible problems, and advice."""

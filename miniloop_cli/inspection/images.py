@@ -1,4 +1,4 @@
-"""What single frames say: depth range, holes, blur, exposure."""
+"""Numbers of single frames: depth range, holes, blur, exposure."""
 
 from __future__ import annotations
 

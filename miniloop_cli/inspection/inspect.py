@@ -1,4 +1,4 @@
-"""Measure a recording: every number that the findings rest on, from a sample of frames and pairs."""
+"""Measure a recording: the numbers for the findings, from a sample of frames and pairs."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from miniloop_cli.inspection.timing import timing
 from miniloop_cli.scene.sequence import Scan, Sequence
 
 SAMPLE, ANCHORS, MAX_FITTED = 24, 16, 30
-ODD = 0.2  # a frame is odd whose depth explains so much less than that of the others
+ODD = 0.2  # a frame is odd if its depth explains less than that of the others by so much
 Reader = Callable[[Sequence, int], Scan]
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was measured (JSON-able) and what follows from it, gravest first."""
+    """The measurements (JSON-able) and the findings, most severe first."""
 
     numbers: dict[str, Any]
     findings: tuple[Finding, ...]
@@ -41,7 +41,7 @@ class Inspection:
 
 
 def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Inspection:
-    """Look at a recording: all stamps and image headers, a sample of about 24 frames and 30 pairs."""
+    """Inspect a recording: all stamps and image headers, a sample of about 24 frames and 30 pairs."""
     numbers: dict[str, Any] = {
         "sequence": shown(sequence.name),
         "layout": sequence.layout,
@@ -69,7 +69,7 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
 
 
 def _no_reading(sequence: Sequence) -> list[dict[str, float]]:
-    """Stored values that were found to mean "no reading", in metres, and the share of the pixels that hold them."""
+    """Stored values that mean "no reading", in metres, and the share of the pixels with them."""
     if not sequence.depth_format.no_reading_found:
         return []
     sample = sample_depth(sequence)
@@ -175,13 +175,13 @@ def _geometry(sequence: Sequence, sample: dict[int, Scan], rng: Generator, read:
 
 
 def _explained(sequence: Sequence, cache: FeatureCache, pairs: list[MatchedPair]) -> dict[str, Any]:
-    """How large a share of what colour sees as one motion the depth of a frame explains, and where it does not.
+    """The share of the matches of one colour motion that the depth of a frame explains, and the frames where it is low.
 
-    A frame that stands out after one look gets more looks, at its neighbours, before it is named. Blur and fast motion
-    spoil a pair from both sides; only where the depth of the other frame explains the same matches is it the depth.
+    A frame with a low share is compared with more neighbours before it is reported. Blur and fast motion affect both
+    frames of a pair; the depth is wrong only if the depth of the other frame explains the same matches.
     """
     shares: dict[int, list[float]] = {}
-    behind: dict[int, list[float]] = {}  # by how much the frame's depth explains less than that of the other frame
+    behind: dict[int, list[float]] = {}  # share explained by the depth of the other frame minus that of the frame
 
     def add(pair: MatchedPair | None) -> None:
         if pair is None:

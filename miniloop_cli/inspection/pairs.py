@@ -1,4 +1,4 @@
-"""A few pairs of frames with matches that colour alone has verified, and how well depth explains them."""
+"""Pairs of frames with matches verified by colour alone, and how well depth explains them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Floats
 
 FEATURES = Features(count=1500)
-STEPS = (1, 2, 4, 8, 16, 32)  # how far the second frame of a pair may lie behind the first
+STEPS = (1, 2, 4, 8, 16, 32)  # from the first to the second frame of a pair
 MIN_MATCHES = 30
 PNP_PX = 3.0
 
@@ -43,12 +43,12 @@ class MatchedPair:
         return float(np.median(np.linalg.norm(self.px_i - self.px_j, axis=1)))
 
     def reversed(self) -> MatchedPair:
-        """The same from j to i."""
+        """The same pair from j to i."""
         return MatchedPair(self.j, self.i, self.px_j, self.px_i, self.z_j, self.z_i)
 
 
 class FeatureCache:
-    """Features of frames, detected when asked for; frames that cannot be read have none."""
+    """Features of frames, detected on demand; unreadable frames have none."""
 
     def __init__(self, read: Callable[[int], Scan], camera: Camera) -> None:
         self.read, self.camera = read, camera

@@ -1,7 +1,7 @@
-"""Does the depth lie on the colour image? Where depth jumps, colour mostly changes too.
+"""The registration of depth to colour, by the agreement of their edges.
 
-The mean strength of colour edges under the depth edges, as a function of how far the depth is moved, has a sharp peak:
-at zero if the depth is registered, elsewhere if it is shifted, nowhere if it belongs to another image.
+The mean strength of colour edges at the depth edges, as a function of a shift of the depth, has a sharp peak: at zero
+if the depth is registered, elsewhere if it is shifted, and none if it belongs to another image.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from miniloop_cli.typing import Bytes, Floats32
 
 REACH = 48  # largest shift that is tried, pixels of a 640-pixel image
-TOLERANCE = 4.0  # a peak this near to zero counts as registered: real Kinects are off by two
+TOLERANCE = 4.0  # a peak this near to zero is registered; for real Kinects it is at about two
 JUMP = 0.08  # relative step that makes a depth edge
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The peak over all shifts: its height in robust deviations, where it is (px), and the height near zero."""
+    """The peak over all shifts: its height in robust deviations, its position (px), and the height near zero."""
 
     peak: float
     shift_px: tuple[int, int]
@@ -32,7 +32,7 @@ class Agreement:
 def color_edges(color: Bytes) -> Floats32:
     """(h, w) strength of colour edges relative to their close surroundings, zero mean.
 
-    All three channels, hardly smoothed, and close surroundings: that is what makes outlines stand out of texture.
+    Three channels, little smoothing and close surroundings distinguish outlines from texture.
     """
     import cv2
 
@@ -76,13 +76,13 @@ def agreement(pairs: Many[tuple[Floats32, Floats32]]) -> Agreement:
     y, x = np.unravel_index(np.argmax(heights), heights.shape)
     offset = np.arange(-reach, reach + 1)
     near = np.hypot(offset[:, None], offset) <= max(TOLERANCE * unit, 1.5)
-    # A correlation at (x, y) says that depth moved by (x, y) fits.
+    # A correlation at (x, y) means that depth fits if moved by (x, y).
     shift = (int(x) - reach, int(y) - reach)
     return Agreement(float(heights[y, x]), shift, float(heights[near].max()), float(np.mean(counts)))
 
 
 def halved(edges: Floats32) -> Floats32:
-    """(h / 2, w / 2) means; a coarser image forgives more."""
+    """(h / 2, w / 2) means of edges (h, w); a coarser image tolerates larger shifts."""
     import cv2
 
     size = (edges.shape[1] // 2, edges.shape[0] // 2)
@@ -100,17 +100,17 @@ def enlarged(edges: Floats32, factor: float) -> Floats32:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How depth and colour go together: `kind` is registered, shifted, enlarged, mirrored, late, foreign or unknown."""
+    """The relation of depth and colour: `kind` is registered, shifted, enlarged, mirrored, late, foreign or unknown."""
 
     kind: str
     agreement: Agreement
     shift_px: tuple[int, int] = (0, 0)  # by which the depth must be moved
     factor: float = 1.0  # by which it must be enlarged
-    frames: int = 0  # that the fitting colour image lies behind the depth's own (negative: before it)
+    frames: int = 0  # from the depth's own colour image to the fitting one
 
 
-# Heights. Where nothing fits, noise reaches 4.7, at zero 2.1; where everything does, 12 to 30 were seen over 24 frames,
-# and 4 to 27 over 8 real ones in a row, whose few outlines also blur the peak.
+# Heights of peaks. Unrelated images reach 4.7, and 2.1 at zero. Registered ones reach 12 to 30 over 24 frames, and 4 to
+# 27 over 8 successive real frames, whose few outlines also blur the peak.
 FIRM, SURE, NOISE = 7.0, 6.2, 3.2
 FACTORS = tuple(float(f) for f in np.exp(np.arange(-12, 13) * 0.018) if f != 1)
 LAGS = (-1, 1, -2, 2, -3, 3, -5, 5)
@@ -120,7 +120,7 @@ ENOUGH_EDGES = 2000
 def diagnose(
     color: Many[Floats32], depth: Many[Floats32], color_behind: Callable[[int], Many[tuple[int, Floats32]]]
 ) -> Verdict:
-    """What is wrong, if anything, with the depth of some frames.
+    """The relation of depth and colour of some frames.
 
     `color`, `depth`: (h, w) edges of the same frames. `color_behind(lag)`: for some of the frames, their number in
     those lists and the colour edges `lag` frames later; only called if the frames' own do not fit.

@@ -1,10 +1,10 @@
-"""Is the focal length right, and is the depth in metres?
+"""Checks of the focal length and of the depth scale.
 
-Focal length: with a wrong one, lateral coordinates are stretched against depth, and scans of a turning camera no longer
-fit rigidly. So the fit over several pairs, as a function of the focal length, has its minimum at the true one.
+Focal length: a wrong one stretches lateral coordinates against depth, and scans of a turning camera no longer fit
+rigidly. The cost of the fit over several pairs therefore has its minimum at the true focal length.
 
-Depth scale: a common factor on all depths only makes a larger world, so no motion betrays it. What does: a ground
-truth, or the steps of a structured-light sensor, equal in inverse depth, whose size its hardware fixes.
+Depth scale: a common factor on all depths only scales the world, so motions do not determine it. A ground truth does,
+or the steps of a structured-light sensor, which are equal in inverse depth and fixed by its hardware.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ MIN_MOTION_M = 0.08
 
 @dataclass(frozen=True)
 class FocalFit:
-    """Which factor on the focal length fits best, its 90 % interval (bootstrap over pairs), and the poses with it.
+    """The best factor on the focal length, its 90 % interval (bootstrap over pairs), and the poses with it.
 
-    `gain`: by how much the mean robust cost of a match falls against the given focal length.
+    `gain`: decrease of the mean robust cost of a match against the given focal length.
     """
 
     factor: float
@@ -42,16 +42,16 @@ class FocalFit:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the given focal length is certainly wrong by more than some percent."""
+        """Whether the given focal length is certainly wrong by more than some per cent."""
         return abs(self.factor - 1) > 0.07 and (self.low > 1.04 or self.high < 0.96) and self.gain > 0.05
 
     @property
     def beyond(self) -> str:
-        """Words " or less", " or more" where the best factor is the last one that was tried, else none."""
+        """The words " or less" or " or more" if the best factor is the last one tried, else ""."""
         return " or less" if self.factor <= FACTORS[0] else " or more" if self.factor >= FACTORS[-1] else ""
 
     def T_j_i(self) -> dict[tuple[int, int], Floats]:
-        """Poses (4, 4) with the focal length to be believed: the given one unless it is contradicted."""
+        """Poses (4, 4) with the accepted focal length: the given one unless it is contradicted."""
         k = int(np.argmin(np.abs(np.log(FACTORS / (self.factor if self.contradicts else 1.0)))))
         return {key: poses[k] for key, poses in self.poses.items()}
 
@@ -120,7 +120,7 @@ def _minimum(cost: Floats) -> float:
 
 
 def scale_against_truth(fit: FocalFit, stamps_s: Many[float], truth: Trajectory) -> tuple[float, float, float, int]:
-    """Measured over true distances between frames: quartiles (25, 50, 75 %) and how many pairs moved enough."""
+    """Ratio of measured to true distances between frames: quartiles (25, 50, 75 %), and the number of usable pairs."""
     ratios = []
     for (i, j), T_j_i in fit.T_j_i().items():
         k = [int(np.argmin(np.abs(truth.timestamps_s - stamps_s[index]))) for index in (i, j)]

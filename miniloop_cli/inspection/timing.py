@@ -1,4 +1,4 @@
-"""What the stamps say: how many images found a partner, the rate, the gaps."""
+"""Numbers from the stamps: paired images, the rate, the gaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the C library gives memory back: images are allocated and freed by the thousand, and new pages cost time."""
+"""Settings of the C library's allocator: images are allocated and freed often, and new pages cost time."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import sys
 from contextlib import suppress
 
 KEPT_BYTES = 64 << 20  # freed memory that a process keeps for the next image
-# Numbers of malloc.h of glibc, and the variables by which users set the same.
+# Constants of glibc's malloc.h, and the environment variables for the same settings.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 OF_USERS = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"
 
 
 def keep_freed_memory() -> bool:
-    """Let this process keep up to KEPT_BYTES of freed memory; True if its C library is glibc and took it.
+    """Let this process keep up to KEPT_BYTES of freed memory; True if its C library is glibc and accepted it.
 
-    For the command line: it holds for the whole process. What users set by environment variables stays as it is.
+    For the command line, as it affects the whole process. Settings by environment variables have precedence.
     Source: mallopt(3).
     """
     if not sys.platform.startswith("linux") or any(name in os.environ for name in OF_USERS):

@@ -1,9 +1,9 @@
-"""Finished work on disk: arrays named by a hash of what they were made from.
+"""The cache: finished work on disk as arrays, named by a hash of their inputs.
 
 The name of an artefact is a hash of its kind, the version of what its stage computes, the versions of the libraries
-and its inputs, so that nothing stale can be found, and a killed or repeated run finds what is done. Files are plain
-.npz, never unpickled, with a checksum of the whole at the end (what a zip file checks by itself is not all of it); one
-that is damaged is deleted and made again. All hashes are SHA-256, which most processors compute by themselves.
+and its inputs. So nothing stale is found, and a killed or repeated run continues from finished work. Files are plain
+.npz, never unpickled, with a checksum of the whole at the end, as zip files do not check all of their bytes; a damaged
+file is deleted and made again. All hashes are SHA-256, which most processors compute in hardware.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Artifact:
 
 
 def fingerprint(*parts: Any) -> str:
-    """Hash of JSON-able parts, settings, dataclasses and arrays, nested at will. Raises TypeError for anything else."""
+    """Hash of nested JSON values, settings, dataclasses and arrays. Raises TypeError for anything else."""
     text = json.dumps(parts, sort_keys=True, separators=(",", ":"), default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -68,7 +68,7 @@ def _plain(part: Any) -> Any:
         return content_fingerprint([part])
     if isinstance(part, np.generic):
         return part.item()
-    if hasattr(part, "model_dump"):  # settings; pydantic need not be loaded for that
+    if hasattr(part, "model_dump"):  # settings, recognised without importing pydantic
         return part.model_dump()
     if is_dataclass(part) and not isinstance(part, type):
         return {field.name: getattr(part, field.name) for field in fields(part)}
@@ -85,7 +85,7 @@ def content_fingerprint(arrays: Iterable[NDArray[Any]]) -> str:
 
 
 def file_fingerprint(path: Path) -> str:
-    """Hash of a file's content; of its absence where it cannot be read (the reader says why later)."""
+    """Hash of a file's content, or of its absence if it cannot be read (the reader reports that later)."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -100,21 +100,21 @@ def checksum(content: memoryview) -> bytes:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of artefacts; `fresh` makes everything again (and still keeps it)."""
+    """A folder of artefacts; `fresh` computes everything again, and stores it."""
 
     folder: Path
     fresh: bool = False
 
     def path(self, artifact: Artifact, key: str) -> Path:
-        """Where an artefact lies."""
+        """The file of an artefact."""
         return self.folder / artifact.kind / f"{key}.npz"
 
     def key(self, artifact: Artifact, inputs: Any) -> str:
-        """Name of the artefact that is made from these inputs."""
+        """Name of the artefact with these inputs."""
         return fingerprint(artifact, library_versions(), inputs)
 
     def cached(self, artifact: Artifact, inputs: Any, make: Callable[[], Arrays]) -> Arrays:
-        """The arrays of the artefact of these inputs; where there is none, made now and kept."""
+        """The arrays (...) of the artefact with these inputs; computed by `make` and stored if there is none."""
         key = self.key(artifact, inputs)
         found = self.load(artifact, key)
         if found is not None:
@@ -137,13 +137,13 @@ class Store:
             with suppress(OSError):
                 path.unlink(missing_ok=True)
             return None
-        with suppress(OSError):  # of somebody else, or read-only
-            os.utime(path)  # when it was last used: what pruning goes by
+        with suppress(OSError):  # another user's, or read-only
+            os.utime(path)  # the time of last use, for pruning
         with np.load(io.BytesIO(whole), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
 
     def save(self, artifact: Artifact, key: str, arrays: Arrays) -> None:
-        """Keep an artefact; a store that cannot be written costs the next run time, never this run its result."""
+        """Store an artefact; a failure to write is ignored, as only the next run takes longer."""
         try:
             packed = io.BytesIO()
             np.savez(packed, **cast("dict[str, Any]", arrays))

@@ -19,19 +19,19 @@ HOST = platform.node()
 TEMPORARY = re.compile(r"\..+\.miniloop-(.+)-(\d+)\.tmp")
 DAY_S = 86400.0
 WINDOWS = os.name == "nt"
-PATIENCE_S = 2.0 if WINDOWS else 0.0  # for a file that somebody else has open; elsewhere that hinders nobody
+PATIENCE_S = 2.0 if WINDOWS else 0.0  # for a file that another process has open, which only Windows refuses to replace
 
 
 def temporary_name(path: Path) -> Path:
-    """The hidden neighbour of `path` under which this process makes it."""
+    """The hidden file beside `path` into which this process writes."""
     return path.with_name(f".{path.name}.miniloop-{HOST}-{os.getpid()}.tmp")
 
 
 @cache
 def remove_leftovers(folder: Path, by_age: bool = WINDOWS) -> None:
-    """Remove, once a process, what killed processes of this machine left in `folder` under temporary names.
+    """Remove temporary files of killed processes of this machine from `folder`, once a process.
 
-    `by_age`: what was not written to for a day is a leftover; else, what belongs to no living process.
+    `by_age`: a file not written to for a day is a leftover; else, a file without a living process.
     """
     with suppress(OSError):
         for entry in os.scandir(folder):
@@ -47,7 +47,7 @@ def remove_leftovers(folder: Path, by_age: bool = WINDOWS) -> None:
 
 
 def _alive(pid: int) -> bool:
-    """Whether a process runs. Never asked on Windows, where `os.kill` ends a process whatever the signal."""
+    """Whether a process runs. Not for Windows, where `os.kill` ends a process for any signal."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -58,9 +58,10 @@ def _alive(pid: int) -> bool:
 
 
 def replace(temporary: Path, path: Path, patience_s: float = PATIENCE_S) -> None:
-    """Rename a file to `path`, in place of what is there.
+    """Rename a file to `path`, replacing an existing file.
 
-    Windows refuses while another process has either of them open, such as a virus scanner: tried again for so long.
+    Windows refuses while another process, such as a virus scanner, has either of them open; it is tried again for
+    `patience_s`. Raises OSError.
     """
     give_up = time.monotonic() + patience_s
     while True:
@@ -75,9 +76,9 @@ def replace(temporary: Path, path: Path, patience_s: float = PATIENCE_S) -> None
 
 @contextmanager
 def atomic_write(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
-    """Open a temporary neighbour of `path`; on success it replaces `path`, on any error it is removed.
+    """Open a temporary file beside `path`; on success it replaces `path`, on any error it is removed.
 
-    Text is UTF-8; what cannot be encoded (file names of other encodings) is written as an escape.
+    Text is UTF-8; characters that cannot be encoded (file names of other encodings) are written as escapes.
     Raises MiniloopError if the folder cannot be written (no permission, disk full).
     """
     path = Path(path)

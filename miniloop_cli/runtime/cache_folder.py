@@ -1,4 +1,4 @@
-"""The user's cache folder: where finished work and, at need, compiled kernels are kept between runs."""
+"""The user's cache folder, for finished work and, if necessary, compiled kernels."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def cache_folder() -> Path:
         folder = user_cache_path("miniloop", appauthor=False)
     except RuntimeError:
         folder = Path("~")
-    if not folder.is_absolute():  # versions of platformdirs that do not raise leave the "~" as it is
+    if not folder.is_absolute():  # some versions of platformdirs keep the "~" instead of raising
         raise MiniloopError("this user has no home folder to keep finished work in: set MINILOOP_CACHE")
     return folder

@@ -1,4 +1,4 @@
-"""Work on a Dask cluster that is already there, through joblib's dask backend; see docs/cluster.md."""
+"""Work on an existing Dask cluster, through joblib's dask backend; see docs/cluster.md."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Shared = TypeVar("Shared")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-ANSWER_S = 10  # a scheduler, or its first worker, that does not answer by then is taken for absent
-REPLACED_S = 30  # a worker that died is started again by its nanny, or by whoever watches it, within seconds
+ANSWER_S = 10  # longest wait for an answer of the scheduler or its first worker
+REPLACED_S = 30  # longest wait for a new worker in place of one that died
 CONTINUES = "finished work is kept, the same command continues, also without --cluster"
-SENDS = 4  # of the same package, without a result in between
-BATCH = 32  # items of a task at most: what is done again where a worker dies
+SENDS = 4  # of the same package without a result
+BATCH = 32  # largest number of items of a task, which is repeated if a worker dies
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """A connected cluster; `client` is a distributed.Client. How long to wait for answers, and for a new worker."""
+    """A connected cluster; `client` is a distributed.Client; longest waits for answers, and for a new worker."""
 
     client: Any
     answer_s: float = ANSWER_S
@@ -38,9 +38,9 @@ class Cluster:
     ) -> Iterator[Result]:
         """function(shared, item) for each item, in order. `shared` is sent to every worker once, items in batches.
 
-        Dask gives the tasks of a worker that dies to the others; where `shared` dies with it, it is sent again, and
-        the rest of the items, to whoever is there within `replaced_s`. `function` must be importable there.
-        Raises MiniloopError where the scheduler or all workers are lost, or one piece of work with several workers.
+        Dask gives the tasks of a worker that dies to the others; if `shared` is lost with it, it is sent again with the
+        rest of the items to the workers that exist within `replaced_s`. `function` must be importable there.
+        Raises MiniloopError if the scheduler or all workers are lost, or if several workers die at one task.
         """
         from distributed.comm.core import CommClosedError
 
@@ -63,14 +63,14 @@ class Cluster:
 
         size = max(1, min(BATCH, len(items) // (4 * sum(self.client.ncores().values()) or 1)))
         batches = [items[k : k + size] for k in range(0, len(items), size)]
-        package = [shared]  # a list is sent as it is, whatever it holds
+        package = [shared]  # a list is sent unchanged
         with self._holding(package):
             parallel = Parallel(n_jobs=-1, batch_size=1, pre_dispatch="3*n_jobs", return_as="generator")
             for results in parallel(delayed(_work)(function, package, batch) for batch in batches):
                 yield from results
 
     def _holding(self, package: list[Any]) -> AbstractContextManager:
-        """joblib's dask backend, with `package` on every worker. Raises CommClosedError where one dies meanwhile."""
+        """joblib's dask backend, with `package` on every worker. Raises CommClosedError if one dies meanwhile."""
         from distributed.comm.core import CommClosedError
         from joblib import parallel_config
 
@@ -78,7 +78,7 @@ class Cluster:
             return parallel_config(
                 "dask", client=self.client, scatter=[package], wait_for_workers_timeout=self.answer_s
             )
-        except (KeyError, TimeoutError) as error:  # a worker left before it was its turn, or there is none
+        except (KeyError, TimeoutError) as error:  # a worker left before its turn, or there is none
             raise CommClosedError(f"a worker has left ({error})") from error
 
 
@@ -89,7 +89,7 @@ def _work(function: Callable[[Shared, Item], Result], package: list[Shared], bat
 
 @contextmanager
 def _told_in_one_line(address: str) -> Iterator[None]:
-    """What dask raises for lost connections and workers, as a MiniloopError."""
+    """Raise dask's errors for lost connections and workers as a MiniloopError."""
     from distributed import KilledWorker
 
     try:
@@ -106,7 +106,8 @@ def _told_in_one_line(address: str) -> Iterator[None]:
 def connected(address: str, answer_s: float = ANSWER_S, replaced_s: float = REPLACED_S) -> Iterator[Cluster]:
     """The cluster whose scheduler listens at an address, e.g. tcp://scheduler:8786; the times are those of `Cluster`.
 
-    Raises MiniloopError if distributed is not installed, nobody answers, there is no worker, or one has another code.
+    Raises MiniloopError if distributed is not installed, the scheduler does not answer, there is no worker, or a worker
+    has another version of the code.
     """
     try:
         from distributed import Client
@@ -128,7 +129,7 @@ def connected(address: str, answer_s: float = ANSWER_S, replaced_s: float = REPL
 
 @contextmanager
 def _without_log_lines() -> Iterator[None]:
-    """What dask logs of lost connections and workers is held back: one line of our own says it."""
+    """Suppress dask's log lines on lost connections and workers, which our own message replaces."""
     names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in ("distributed", "tornado", "asyncio")]
     held = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
     for logger in held:
@@ -141,14 +142,14 @@ def _without_log_lines() -> Iterator[None]:
 
 
 def _greet(address: str, answer_s: float) -> None:
-    """Shake hands; TimeoutError if it takes too long: who accepts connections and is mute keeps a client for ever."""
+    """Connect once; TimeoutError if it takes too long, as a client waits for ever for a silent peer."""
     from distributed.comm.core import connect
 
     async def greet() -> None:
         comm = await asyncio.wait_for(connect(address, timeout=answer_s), answer_s)
         comm.abort()
 
-    with ThreadPoolExecutor(1) as thread:  # the caller's may be a notebook's, at work in a loop of its own
+    with ThreadPoolExecutor(1) as thread:  # the caller's thread may be a notebook's, with its own event loop
         thread.submit(asyncio.run, greet()).result()
 
 

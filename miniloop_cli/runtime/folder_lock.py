@@ -1,4 +1,4 @@
-"""A lock on an output folder, which is released when its process ends."""
+"""A lock on an output folder, released at the end of its process."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from miniloop_cli.errors import MiniloopError
 
 @contextmanager
 def exclusive(folder: Path) -> Iterator[None]:
-    """Hold `folder` (made if need be) for this process; an empty folder is removed again if the run fails.
+    """Hold `folder` (created if necessary) for this process; an empty folder is removed if the run fails.
 
-    The system releases the lock when the process ends, however it ends, so nothing stale is left behind.
-    Raises MiniloopError if another process holds it or it cannot be made.
+    The system releases the lock when the process ends, also if it is killed.
+    Raises MiniloopError if another process holds it or it cannot be created.
     """
     path = folder / ".lock"
     lock = FileLock(path)
@@ -33,18 +33,18 @@ def exclusive(folder: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            removed = _removed(path)  # while the lock is held: afterwards it may be another run's
+            removed = _removed(path)  # while the lock is held, as another run may hold it afterwards
             lock.release()
             if not removed:
-                _removed(path)  # Windows removes no file that is open
+                _removed(path)  # Windows does not remove open files
     finally:
-        lock.release()  # also where the file was another than the one that we opened
+        lock.release()  # also if the file was replaced after it was opened
 
 
 def _acquired(lock: FileLock, inode: int) -> bool:
-    """Whether the lock is ours, and on the file that has its name.
+    """Whether this process has the lock, on the file with its name.
 
-    Another run may hold it, or may have removed the file after we opened it and before we locked it.
+    Another run may hold it, or may have removed the file between opening and locking. Raises MiniloopError.
     """
     try:
         lock.acquire(timeout=0)

@@ -14,9 +14,10 @@ MOST_OPEN = 4
 
 
 class KeptOpen(Generic[T]):
-    """The last few files that `open_it` opened; one that has changed on disk is opened again.
+    """The last few files that `open_it` opened; a file that has changed on disk is opened again.
 
-    What is no longer kept is not closed here, as another thread may still read from it: it closes when it is let go.
+    Files that are no longer kept are not closed here, as another thread may still read; they close with their last
+    reference.
     """
 
     def __init__(self, open_it: Callable[[Path], T], most: int = MOST_OPEN) -> None:
@@ -25,9 +26,9 @@ class KeptOpen(Generic[T]):
         self._lock = threading.Lock()
 
     def get(self, path: Path | str) -> T:
-        """The open container at `path`. Raises OSError where it is not there, and whatever `open_it` raises."""
+        """The open container at `path`. Raises OSError if it does not exist, and the errors of `open_it`."""
         path = Path(path) if isinstance(path, str) else path
-        state = path.stat()  # of its own class: it may lie in an archive
+        state = path.stat()  # by its own class, as it may be in an archive
         # A forked process must not share a file's position.
         key = (os.fspath(path), os.getpid(), state.st_mtime_ns, state.st_size)
         with self._lock:

@@ -1,8 +1,8 @@
-"""Where compiled kernels are kept: in a folder of their own for each state of the sources.
+"""The folder of compiled kernels, one for each version of the sources.
 
-numba looks whether the file of a kernel has changed, not the files of what is inlined into it: after an upgrade, a
-kernel would go on with the old code of its helpers. runtime.kernels gives this folder to the kernels of this package
-only, so numba's own settings stay as they are.
+numba checks whether the file of a kernel has changed, but not the files of functions inlined into it. After an upgrade,
+a kernel would use old code of its helpers. runtime.kernels uses this folder for the kernels of this package only, so
+numba's own settings are unchanged.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from miniloop_cli.errors import MiniloopError
 from miniloop_cli.runtime.cache_folder import cache_folder
 
 PACKAGE = Path(__file__).parents[1]
-WORDS = b"njit", b"numba"  # one of them is in every source that is compiled
+WORDS = b"njit", b"numba"  # every compiled source contains one of them
 DAY_S = 86400.0
 
 
 def kernels_folder(package: Path = PACKAGE) -> Path | None:
-    """The folder for kernels compiled from the sources as they are; None where no place can be written.
+    """The folder for kernels compiled from the present sources; None if no place is writable.
 
-    In `$NUMBA_CACHE_DIR` where the user has set it, else beside the sources, else in the user's cache. numba unpickles
-    what lies there, so nobody else may write to it. The folder may not exist yet.
+    In `$NUMBA_CACHE_DIR` if it is set, else beside the sources, else in the user's cache. numba unpickles its files, so
+    no other user may write to it. The folder may not exist yet.
     """
     place = next(filter(writable, _places(package)), None)
     return place and place / "kernels" / sources_hash(package)
@@ -48,8 +48,8 @@ def _places(package: Path) -> Iterator[Path]:
 def prepare_kernels_folder(package: Path = PACKAGE) -> None:
     """For the command line: remove kernels of earlier sources, and find a place for those of this run.
 
-    Where nothing can be written, kernels are kept in a private folder as long as this process lasts, so that the
-    process that compiles ahead can hand them over.
+    If no place is writable, kernels are kept in a private folder during this process, so that a process that compiles
+    them in advance can share them.
     """
     forget_old_kernels(package)
     if not any(map(writable, _places(package))):
@@ -59,9 +59,9 @@ def prepare_kernels_folder(package: Path = PACKAGE) -> None:
 
 
 def forget_old_kernels(package: Path = PACKAGE) -> None:
-    """Remove kernels of earlier sources beside the sources; who began with them may still be at work for a day."""
+    """Remove kernels of earlier sources beside the sources after a day, as older processes may still use them."""
     kept = package / "__pycache__" / "kernels"
-    with suppress(OSError):  # there are none, they are not ours to remove, or another process removes them
+    with suppress(OSError):  # there are none, permission is missing, or another process removes them
         folders = list(kept.iterdir())
         if len(folders) < 2:
             return
@@ -72,7 +72,7 @@ def forget_old_kernels(package: Path = PACKAGE) -> None:
 
 @cache
 def sources_hash(package: Path) -> str:
-    """Hash of the sources that are compiled, as they are when it is first asked for."""
+    """Hash of the compiled sources at the first call."""
     sources = (path.read_bytes() for path in sorted(package.rglob("*.py")))
     return hashlib.sha256(b"".join(text for text in sources if any(word in text for word in WORDS))).hexdigest()[:16]
 

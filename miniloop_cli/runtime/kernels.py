@@ -1,4 +1,4 @@
-"""`njit` for the kernels of this package: numba's, with compiled code kept where it cannot become stale."""
+"""`njit` for the kernels of this package: numba's, with a cache that cannot become stale."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from miniloop_cli.runtime.kernel_cache import PACKAGE, kernels_folder, sources_h
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """numba.njit. With `cache`, compiled code is kept in `kernels_folder()`, if there is one.
 
-    numba's `cache=True` chooses a folder by settings of the whole process, and looks for changes in the kernel's own
-    file only. A dispatcher's cache is an object of its own, so this package brings one.
+    numba's `cache=True` chooses a folder by settings of the whole process, and checks for changes in the kernel's own
+    file only. The cache of a dispatcher is a separate object, which this package replaces.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)
-        # Not under NUMBA_DISABLE_JIT, where it is the bare function; nor of a module that nobody could import again.
+        # Not under NUMBA_DISABLE_JIT, where it is the plain function; nor in a module that cannot be imported again.
         if cache and kernel is not function and function.__module__ in sys.modules:
-            with suppress(OSError):  # where nothing can be kept, each process compiles for itself
+            with suppress(OSError):  # without a folder, each process compiles for itself
                 kernel._cache = KernelCache(function)
         return kernel
 
@@ -34,7 +34,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 
 
 class KernelLocator(_CacheLocator):
-    """Where the code of one kernel is kept, and what must be unchanged for it to be loaded: all kernels' sources."""
+    """The cache file of one kernel, which is valid while the sources of all kernels are unchanged."""
 
     def __init__(self, function: FunctionType, path: str) -> None:
         folder = kernels_folder()
@@ -43,30 +43,30 @@ class KernelLocator(_CacheLocator):
         packages = function.__module__.split(".")[1:-1]  # numba names the file by the module
         self._path = os.fspath(folder.joinpath(*packages))
         self._line = function.__code__.co_firstlineno
-        self._py_file = path  # where numba says that a kernel cannot be kept
+        self._py_file = path  # numba names it if a kernel cannot be cached
 
     def get_cache_path(self) -> str:
         """The folder that numba reads and writes."""
         return self._path
 
     def get_source_stamp(self) -> str:
-        """What numba compares with the stamp of kept code."""
+        """The stamp that numba compares with that of cached code."""
         return sources_hash(PACKAGE)
 
     def get_disambiguator(self) -> str:
-        """Tells functions of one name in one file apart."""
+        """Distinguishes functions of one name in one file."""
         return str(self._line)
 
     @classmethod
     def from_function(cls, function: FunctionType, path: str) -> KernelLocator:
-        """The locator of a function. Raises OSError where nothing can be kept."""
+        """The locator of a function. Raises OSError if it cannot be cached."""
         locator = cls(function, path)
         locator.ensure_cache_path()
         return locator
 
 
 class KernelCacheImpl(CompileResultCacheImpl):
-    """numba's way to keep a compiled function, at our place."""
+    """numba's serialisation of a compiled function, in our folder."""
 
     def __init__(self, function: FunctionType) -> None:
         self._locator_classes = [KernelLocator]
@@ -74,6 +74,6 @@ class KernelCacheImpl(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """numba's cache of one compiled function, at our place."""
+    """numba's cache of one compiled function, in our folder."""
 
     _impl_class = KernelCacheImpl

@@ -1,7 +1,7 @@
 """All cores, bounded: one ordered parallel map over threads.
 
-Everything heavy here (OpenCV, matrix products, compiled kernels) releases the interpreter lock, so threads share
-their inputs without copies. Inner threads are held at one, so that jobs times cores never exceeds the machine.
+All heavy work (OpenCV, matrix products, compiled kernels) releases the interpreter lock, so threads share their inputs
+without copies. Libraries use one inner thread each, so that the number of threads is that of the jobs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from threadpoolctl import OpenBLASController, threadpool_limits
 
 from miniloop_cli.runtime.progress import track
 
-import_module("scipy.linalg")  # its BLAS is another than numpy's, and must be loaded to be held at one thread
+import_module("scipy.linalg")  # its BLAS is not numpy's, and must be loaded before it can be limited to one thread
 
 ROOM_BYTES = 128 << 20
 
@@ -32,7 +32,7 @@ Result = TypeVar("Result")
 
 
 class Cluster(Protocol):
-    """Machines that work is sent to (runtime.dask_cluster)."""
+    """Machines that take part in the work (runtime.dask_cluster)."""
 
     def map(
         self, function: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
@@ -42,23 +42,25 @@ class Cluster(Protocol):
 
 
 class _OneThread:
-    """Libraries that are held at one thread while any block is at work.
+    """Limits libraries to one thread while any block is active.
 
-    Blocks of several threads, and those of suspended generators, end in any order. So none gives back by itself what
-    it found: the last one that ends undoes what all of them did, in reverse.
+    Blocks of several threads, and those of suspended generators, end in any order. Therefore the last block that ends
+    undoes the changes of all, in reverse order.
     """
 
     def __init__(self, hold: Callable[[], AbstractContextManager[object]]) -> None:
         self._hold = hold
         self._blocks = 0
         self._found = ExitStack()
-        self._lock = threading.RLock()  # in the middle of either half, an abandoned generator may be closed
+        self._lock = (
+            threading.RLock()
+        )  # reentrant, as an abandoned generator may be closed in the middle of either half
 
     @contextmanager
     def block(self) -> Iterator[None]:
         with self._lock:
             self._blocks += 1
-            self._found.enter_context(self._hold())  # in every block: a library may have been loaded since the first
+            self._found.enter_context(self._hold())  # in every block, as a library may have been loaded since the first
         try:
             yield
         finally:
@@ -79,12 +81,12 @@ def _opencv_and_blas() -> Iterator[None]:
             yield
         finally:
             cv2.setNumThreads(found)
-            # Newer versions let no other thread give back than the one that limited first; here, it may be any.
+            # Newer versions restore limits only in the thread that set them first; here it may be any thread.
             getattr(OpenBLASController, "clear_controlling_thread", lambda force: None)(force=True)
 
 
 class _Openmp(threading.local):
-    """OpenMP counts its threads for each thread that calls it."""
+    """OpenMP has a number of threads for each calling thread."""
 
     def __init__(self) -> None:
         self.held = _OneThread(lambda: threadpool_limits(1, user_api="openmp"))
@@ -96,12 +98,12 @@ _OPENMP = _Openmp()
 
 @contextmanager
 def single_inner_threads() -> Iterator[None]:
-    """Libraries work in the thread that calls them, inside this block; afterwards in as many as before it.
+    """Inside this block, libraries use only the calling thread; afterwards as many threads as before.
 
-    Our matrices are small: a library's threads would wait for each other, spinning, longer than they work; and sums
-    cut into as many parts as there are cores would give every machine its own last digits.
+    Our matrices are small: threads of a library would mostly wait for each other. And sums that are split by the number
+    of cores would have other last digits on each machine.
 
-    Raises MemoryError where a process may hardly allocate any more: OpenBLAS would ask for ever.
+    Raises MemoryError if the process can allocate hardly any memory, as OpenBLAS would then retry for ever.
     """
     try:
         mmap.mmap(-1, ROOM_BYTES).close()
@@ -113,7 +115,7 @@ def single_inner_threads() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Workers:
-    """How work is spread: `jobs` threads (-1: one a core), a cluster where there is one; whether progress is shown."""
+    """The workers: `jobs` threads (-1: one a core), or a cluster; and whether progress is shown."""
 
     jobs: int = -1
     quiet: bool = True
@@ -127,9 +129,9 @@ class Workers:
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item], description: str, total: int
     ) -> Iterator[Result]:
-        """function(item) for each item, in the order of the items, whatever the number of jobs.
+        """function(item) for each item, in the order of the items, for any number of jobs.
 
-        However the loop over the results ends, no item is at work any more afterwards: the interpreter would stop
+        When the loop over the results ends, for any reason, no item is being processed: the interpreter would stop
         such threads in the middle of compiled code, which aborts the process.
         """
         with single_inner_threads():
@@ -144,9 +146,9 @@ class Workers:
         description: str,
         total: int,
     ) -> Iterator[Result]:
-        """function(shared, item) for each item, in order: on the cluster where there is one, else as `map` does.
+        """function(shared, item) for each item, in order: on the cluster if there is one, else as by `map`.
 
-        `function` belongs to a module, and draws on nothing but its arguments: it may run on another machine.
+        `function` must be importable, and depend on its arguments only, as it may run on another machine.
         """
         if self.cluster is None:
             return self.map(partial(function, shared), items, description, total)
@@ -154,10 +156,10 @@ class Workers:
 
 
 def _in_order(function: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[Result]:
-    """Results in order; so many items are begun ahead that one slow item keeps no thread waiting.
+    """Results in order; enough items are started in advance that one slow item does not leave threads idle.
 
-    joblib's `return_as="generator"` is no substitute: it works ahead without bound, and items are still at work after
-    its generator is closed.
+    joblib's `return_as="generator"` does not replace this: it works ahead without bound, and items are still processed
+    after its generator is closed.
     """
     begun: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(threads)

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on stderr where that is a terminal, nothing with -q or in a pipe."""
+"""Progress of long work: a bar on stderr if that is a terminal, nothing with -q or in a pipe."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Item = TypeVar("Item")
 
 
 def track(items: Iterable[Item], description: str, total: int | None = None, quiet: bool = False) -> Iterator[Item]:
-    """Iterate over `items`, showing how far it is and how long it will take."""
+    """Iterate over `items`, showing the progress and the remaining time."""
     if quiet or not sys.stderr.isatty():
         yield from items
         return

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-MOST_BRACKETS = 200  # its time grows with the square of the depth; cameras and settings need none
+MOST_BRACKETS = 200  # the time grows with the square of the depth; cameras and settings are flat
 
 
 def load_plain(text: str, loader: type | None = None) -> Any:
-    """What a YAML text says; `loader` is a subclass of yaml.SafeLoader.
+    """The content of a YAML text; `loader` is a subclass of yaml.SafeLoader.
 
-    Raises yaml.YAMLError, and nothing else, for what is none or is nested absurdly.
+    Raises yaml.YAMLError, and nothing else, for other texts and for deep nesting.
     """
     import yaml
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, wherever they arrive, as KeyboardInterrupt in the main thread."""
+"""Ctrl-C and SIGTERM as KeyboardInterrupt in the main thread."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Handler = Callable[[int, FrameType | None], None]
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 AGAIN_S = 0.5
 UNINTERRUPTIBLE = (  # library and function
-    ("llvmlite", "close"),  # gives memory back and then notes it: in between, it does so twice
-    ("numba", "load_overload"),  # links a kernel into the process: half of it crashes when it is taken apart
+    ("llvmlite", "close"),  # frees memory before recording it: an interrupt between both frees it twice
+    ("numba", "load_overload"),  # links a kernel into the process: a partly linked one crashes when it is removed
 )
-HAS_ALARM = hasattr(signal, "setitimer")  # not so on Windows
+HAS_ALARM = hasattr(signal, "setitimer")  # not on Windows
 
 
 @contextmanager
 def heeded_interrupts() -> Iterator[None]:
-    """SIGTERM as Ctrl-C inside this block: a stopped container tidies up, too. For the main thread of a command.
+    """SIGTERM acts as Ctrl-C inside this block, so that a stopped container also cleans up. For the main thread.
 
-    Where libraries catch everything, or compiled code calls Python, an interrupt is lost and the command would go on.
-    So each comes again every AGAIN_S until the block ends, unless it is just being dealt with; not on Windows, which
-    has no alarm. Handlers and `sys.unraisablehook` are left as they were found.
+    Libraries that catch everything, and compiled code that calls Python, can lose an interrupt. Each one is therefore
+    repeated every AGAIN_S until the block ends, unless it is being handled; not on Windows, which has no alarm.
+    Handlers and `sys.unraisablehook` are restored.
     """
     handlers: dict[signal.Signals, Handler] = {
         number: _interrupt
         for number in INTERRUPTS
-        if signal.getsignal(number) is not signal.SIG_IGN  # as in the background of a shell script
+        if signal.getsignal(number) is not signal.SIG_IGN  # ignored, as for background jobs of a shell script
     }
     if HAS_ALARM:
         handlers[signal.SIGALRM] = _again
@@ -49,8 +49,8 @@ def heeded_interrupts() -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Interrupts wait until the block has ended; for what can be neither stopped half-way nor done again."""
-    if threading.current_thread() is not threading.main_thread():  # no interrupt arrives in any other
+    """Interrupts wait until the block has ended; for work that can be neither stopped half-way nor repeated."""
+    if threading.current_thread() is not threading.main_thread():  # interrupts arrive in the main thread only
         yield
         return
     came: list[int] = []
@@ -58,13 +58,13 @@ def uninterrupted() -> Iterator[None]:
         with _handled({number: lambda number, _: came.append(number) for number in INTERRUPTS}):
             yield
     finally:
-        for number in came[:1]:  # also where the block failed: whoever interrupts wants no other error
+        for number in came[:1]:  # also if the block failed: the interrupt has precedence
             signal.raise_signal(number)
 
 
 @contextmanager
 def _handled(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
-    """Handlers of signals inside the block, and afterwards those that were found."""
+    """Set handlers of signals inside the block, and restore the earlier ones afterwards."""
     found = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
@@ -74,7 +74,7 @@ def _handled(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
 
 
 def _repeat_every(seconds: float) -> None:
-    """Let the alarm go off every so often; 0 stops it."""
+    """Let the alarm go off every `seconds`; 0 stops it."""
     if HAS_ALARM:
         signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
 
@@ -92,7 +92,7 @@ def _again(_: int, frame: FrameType | None) -> None:
 
 
 def _is_uninterruptible(frame: FrameType | None) -> bool:
-    """Whether a library is at what it does not survive to be cut off in; the interrupt comes again a little later."""
+    """Whether a library runs a function that must not be interrupted; the interrupt is repeated a little later."""
     while frame:
         if any(
             name == frame.f_code.co_name and library in frame.f_code.co_filename for library, name in UNINTERRUPTIBLE
@@ -103,6 +103,6 @@ def _is_uninterruptible(frame: FrameType | None) -> bool:
 
 
 def _forgotten(unraisable: sys.UnraisableHookArgs) -> None:
-    """An error in a callback of a library is printed by Python and forgotten; an interrupt comes again instead."""
+    """Python prints errors in callbacks of a library and drops them; an interrupt is repeated instead."""
     if not issubclass(unraisable.exc_type, KeyboardInterrupt) or not HAS_ALARM:
         sys.__unraisablehook__(unraisable)

@@ -16,7 +16,7 @@ from miniloop_cli.simulation.symmetry import make_symmetric, symmetric_paint
 from miniloop_cli.typing import Bytes, Floats
 
 ROOM, T_WORLD_ROOM = 0, se3.pose(np.eye(3), np.array([0, 0, ROOM_M[2] / 2]))  # the box of a single room
-SAME_FURNITURE = 25  # the seed of furniture that all seeds have
+SAME_FURNITURE = 25  # the seed of furniture that is the same for all seeds
 UNSEEN: tuple[Bytes, float] = np.full((4, 4, 3), 128, np.uint8), 1.0
 
 
@@ -25,7 +25,7 @@ def build_scene(kind: str, rng: Generator, rooms: int = 1, blank: bool = False, 
     scene, layout = Scene(), Layout(rooms)
     if rooms > 1 and alike == "rooms":
         of_walls, of_furniture = rng.spawn(2)
-        paint = cache(room_paint(kind, of_walls))  # each face of a size once, for all rooms
+        paint = cache(room_paint(kind, of_walls))  # each size of a face is painted once, for all rooms
         for room in range(rooms):
             _add_joined_room(scene, layout, room, paint)
             furnish(scene, layout.centre_m(room), kind, deepcopy(of_furniture), SIDES)
@@ -49,7 +49,7 @@ def build_scene(kind: str, rng: Generator, rooms: int = 1, blank: bool = False, 
 def _add_room(
     scene: Scene, offset_m: Floats, kind: str, rng: Generator, goods: Generator, symmetric: bool = False
 ) -> None:
-    """A closed room: a box that is seen from within; `rng` makes its walls, `goods` what stands in it."""
+    """A closed room: a box that is seen from within; `rng` makes its walls, `goods` its furniture."""
     half, paint = ROOM_M / 2, room_paint(kind, rng, posters=5)
     paint = symmetric_paint(paint) if symmetric else paint
     scene.add_box(offset_m + np.array([0, 0, half[2]]), half, 0.0, paint, from_within=True)
@@ -68,7 +68,7 @@ def _add_turntable(scene: Scene, rng: Generator, symmetric: bool) -> None:
 
 
 def _add_joined_room(scene: Scene, layout: Layout, room: int, paint: Paint) -> None:
-    """A room with doors, of slabs: floor, ceiling and walls. The first of two rooms puts up the wall between them."""
+    """A room with doors, of slabs: floor, ceiling and walls. The first of two rooms makes the wall between them."""
     centre = layout.centre_m(room)
     half = np.array([*(ROOM_M[:2] + WALL_M) / 2, WALL_M / 2])
     for z, seen, role in ((-half[2], 5, FLOOR), (ROOM_M[2] + half[2], 4, CEILING)):
@@ -102,7 +102,7 @@ def _add_wall(scene: Scene, centre_m: Floats, side: Cell, two_sided: bool, door:
 
 
 def _only(seen: tuple[int, ...], paint: Paint, role: int | None) -> Paint:
-    """Paint for the faces that can be seen, as what they are (FLOOR, CEILING; None: walls); the others take no room."""
+    """Paint for the visible faces by their role (FLOOR, CEILING; None: walls); the others have tiny textures."""
 
     def faces(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         return paint(0 if role is None else role, width_m, height_m) if face in seen else UNSEEN

@@ -1,4 +1,4 @@
-"""What rooms are painted with and filled with."""
+"""Paint and furniture of rooms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from miniloop_cli.typing import Bytes, Floats
 
 FLOOR, CEILING = 4, 5  # faces of a room seen from within; the others are walls
 POSTERS_PER_M = 1.2
-DOORWAY_M = DOOR_M[0] / 2 + 0.4  # nothing stands so close to the line through a door
+DOORWAY_M = DOOR_M[0] / 2 + 0.4  # distance of furniture from the line through a door
 
 
 def _size_px(width_m: float, height_m: float, density: float) -> tuple[int, int]:
@@ -22,14 +22,14 @@ def _size_px(width_m: float, height_m: float, density: float) -> tuple[int, int]
 
 
 def _unpainted(kind: str, h: int, w: int, density: float, level: int) -> Bytes | None:
-    """The face of a scene without texture, or with the same everywhere; None where each is painted by itself."""
+    """The face of a scene without texture, or with a repeated one; None if each face has its own."""
     if kind == "textureless":
         return np.full((h, w, 3), level, np.uint8)
     return texture.repeated(h, w, density) if kind == "repeated" else None
 
 
 def room_paint(kind: str, rng: Generator, posters: int | None = None) -> Paint:
-    """Walls, floor and ceiling; so many posters a wall, None: as many as its width has room for."""
+    """Paint for walls, floor and ceiling, with `posters` a wall; None: as many as fit."""
 
     def paint(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 280.0
@@ -47,7 +47,7 @@ def room_paint(kind: str, rng: Generator, posters: int | None = None) -> Paint:
 
 
 def goods_paint(kind: str, rng: Generator) -> Paint:
-    """Furniture and the things on it."""
+    """Paint for furniture and objects on it."""
 
     def paint(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         density = 400.0
@@ -65,9 +65,9 @@ def goods_paint(kind: str, rng: Generator) -> Paint:
 
 
 def furnish(scene: Scene, offset_m: Floats, kind: str, rng: Generator, doors: Sequence[Cell] = ()) -> None:
-    """Furniture along the walls of a room around (offset, z up), with things on top, but not before `doors` (sides).
+    """Add furniture along the walls of a room around (offset, z up), with objects on top, not before `doors` (sides).
 
-    The middle, where the camera moves, is left free.
+    The middle, where the camera moves, stays free.
     """
     goods, half, count = goods_paint(kind, rng), ROOM_M / 2, 12
     for k in range(count):
@@ -90,14 +90,14 @@ def furnish(scene: Scene, offset_m: Floats, kind: str, rng: Generator, doors: Se
 
 
 def _before(centre_m: Floats, side: Cell, reach_m: float) -> bool:
-    """Whether something of this reach stands in the way to a door in the middle of a side."""
+    """Whether an object of this reach blocks a door in the middle of a side."""
     toward = np.array(side, float)
     across = abs(centre_m[0] * toward[1] - centre_m[1] * toward[0])
     return bool(centre_m @ toward > 0 and across - reach_m < DOORWAY_M)
 
 
 def add_figure(scene: Scene, rng: Generator) -> int:
-    """A textured figure of human size, to be moved; returns the number of its box."""
+    """Add a textured, movable figure of human size; returns the number of its box."""
 
     def clothes(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
         image = texture.surface(int(300 * height_m), int(300 * width_m), rng, 35, texture.color(rng))

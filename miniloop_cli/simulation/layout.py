@@ -1,4 +1,4 @@
-"""Where the rooms of a building lie, which of them doors join, and the order in which they are walked."""
+"""The rooms of a building, their doors, and the order of the walk."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SIDES: tuple[Cell, ...] = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 @dataclass(frozen=True)
 class Layout:
-    """So many rooms in two rows, numbered along the first row and back along the second.
+    """Rooms in two rows, numbered along the first row and back along the second.
 
-    The walk goes through them in this order and ends in room 0. Of an odd number the last room of the first row has
-    one door only: it is left as it was entered.
+    The walk visits them in this order and ends in room 0. With an odd number, the last room of the first row has only
+    one door.
     """
 
     rooms: int
@@ -59,7 +59,7 @@ class Layout:
 
     @property
     def blank_m(self) -> Floats:
-        """(4,) x_low, y_low, x_high, y_high of the end of a room where nothing has any texture: there is no door."""
+        """(4,) x_low, y_low, x_high, y_high of the end of a room without texture and without a door."""
         centre, half = self.centre_m(self._columns - 1), ROOM_M / 2
         x, y = centre[:2]
         return np.array([x + 0.3, y - half[1] - WALL_M / 2, x + half[0] + WALL_M / 2, y + half[1] + WALL_M / 2])

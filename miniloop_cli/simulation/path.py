@@ -14,7 +14,7 @@ from miniloop_cli.typing import Floats
 Path = Callable[[Floats], Floats]  # (n,) seconds from the start to (n, 4, 4)
 
 TURNS = 1.06
-CUT_SHARE = 0.2  # of the path, that is left out at a cut
+CUT_SHARE = 0.2  # of the path, left out at a cut
 
 
 def look(position_m: Floats, yaw_rad: Floats, pitch_rad: Floats, roll_rad: Floats) -> Floats:
@@ -37,8 +37,8 @@ def waves(rng: Generator, amplitude: float, periods: float, count: int = 3) -> C
 
 
 def make_path(name: str, scene: str, duration_s: float, rng: Generator, share: float = 1.0) -> Path:
-    """The path of a name in `settings.PATHS`, or the first `share` of it; in `two-rooms` each room has its own half of
-    the time.
+    """The path of a name in `settings.PATHS`, or the first `share` of it; in `two-rooms` each room has half of the
+    time.
     """
     if scene == "two-rooms":
         halves = [_in_room(name, scene, duration_s / 2 / share, generator) for generator in rng.spawn(2)]
@@ -68,7 +68,7 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
             ahead = np.stack([np.cos(yaw), np.sin(yaw)], -1)
             position_m = np.concatenate([-0.62 * ahead, np.full((*s.shape, 1), TABLE_M + 0.42)], -1)
             return look(position_m, yaw, np.full_like(s, -0.6), 0 * s)
-        if name == "loop":  # across the room, so that the views are wide
+        if name == "loop":  # looking across the room, for wide views
             offset = np.stack([x - 0.7 * np.cos(yaw), y - 0.5 * np.sin(yaw), z], -1)
         elif name == "random-walk":
             offset, yaw = np.stack([wave(s) for wave in drift[:3]], -1), start + drift[3](s)
@@ -79,7 +79,7 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
             offset = np.zeros((*s.shape, 3))
             if name == "still":
                 yaw, pitch, roll = (np.full_like(s, v) for v in (start, -0.22, 0.0))
-        if scene == "plane":  # before the wall x = max, so close and turned so little that it alone is seen
+        if scene == "plane":  # close to the wall x = max with little rotation, so that only this wall is visible
             centre[:] = ROOM_M[0] / 2 - 1.1, 0.0, 1.25
             offset, yaw, pitch = offset * [0.35, 0.5, 0.6], 0.12 * np.sin(yaw), pitch + 0.22
         return look(centre + offset, yaw, pitch, roll)
@@ -88,6 +88,6 @@ def _in_room(name: str, scene: str, duration_s: float, rng: Generator) -> Path:
 
 
 def with_cuts(path: Path, cuts: int, duration_s: float) -> Path:
-    """The path with so many parts of it left out, at evenly spread times."""
+    """The path without some parts, at evenly spread times."""
     at_s = duration_s * np.arange(1, cuts + 1) / (cuts + 1)
     return lambda t: path(np.asarray(t, float) + CUT_SHARE * duration_s * np.searchsorted(at_s, t, "right"))

@@ -13,7 +13,7 @@ from miniloop_cli.typing import Floats, Floats32
 NOTHING = -1
 MIN_HIT_M = 1e-3
 BLANK_GREY = 165.0
-BUNDLE_PX = 16  # so many neighbours in a row share the search for boxes that they may meet
+BUNDLE_PX = 16  # neighbours in a row that share the search for boxes
 
 
 @njit(cache=True, nogil=True)
@@ -58,8 +58,8 @@ def _add_texel(atlas: NDArray, level: NDArray, scale: float, x: float, y: float,
 
 @njit(cache=True, nogil=True)
 def _cones(o: Floats, radius: Floats, within: NDArray, cones: Floats) -> None:
-    """What `_nearby` wants of each box, in rows of `cones` (boxes, 6): the direction of its centre, cosine and sine of
-    the angle that the ball around it fills, and its least distance (m), 0 for boxes that are around the camera.
+    """Values of each box for `_nearby`, in rows of `cones` (boxes, 6): the direction of its centre, cosine and sine of
+    the angle of the ball around it, and its least distance (m), 0 for boxes around the camera.
 
     o (boxes, 3): from the camera to the centres, in the camera's axes; radius (boxes,): of the balls (m).
     """
@@ -77,7 +77,7 @@ def _cones(o: Floats, radius: Floats, within: NDArray, cones: Floats) -> None:
 @njit(cache=True, nogil=True)
 def _nearby(rays: Floats, cones: Floats, near: Floats, number: NDArray) -> int:
     """The boxes that a bundle of (k, 3) camera rays may meet, the nearest first, with the least distance of each (m);
-    returns how many they are.
+    returns their number.
     """
     first, last, middle = rays[0], rays[-1], rays[len(rays) // 2]
     length = math.sqrt(middle[0] ** 2 + middle[1] ** 2 + middle[2] ** 2)

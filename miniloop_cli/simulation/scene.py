@@ -32,13 +32,13 @@ class Scene:
     sphere_texture: list[int] = field(default_factory=list)
     pyramids: list[list[Bytes]] = field(default_factory=list)
     texel_per_m: list[float] = field(default_factory=list)
-    blank_m: list[Floats] = field(default_factory=list)  # x_low, y_low, x_high, y_high where surfaces have no texture
+    blank_m: list[Floats] = field(default_factory=list)  # x_low, y_low, x_high, y_high of areas without texture
 
     def add_texture(self, image: Bytes, texel_per_m: float) -> int:
         """Store an image (h, w, 3) with its pyramid; returns its number."""
         import cv2
 
-        # Every level must be exactly half of the one before, or the texture slides over its surface with the distance.
+        # Every level must have exactly half the size of the one before, else the texture moves with the distance.
         h, w = image.shape[:2]
         side = 1 << (LEVELS - 1)
         levels = [np.asarray(cv2.copyMakeBorder(image, 0, -h % side, 0, -w % side, cv2.BORDER_REPLICATE), np.uint8)]

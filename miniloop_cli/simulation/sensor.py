@@ -1,4 +1,4 @@
-"""What a structured-light camera makes of the true image: noise, disparity steps, holes, ragged edges."""
+"""A model of a structured-light camera: noise, disparity steps, holes, ragged edges."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def store_depth(depth_m: Floats32, depth_scale: float, limit_m: float) -> NDArra
 
 
 def store_color(light: Floats32, exposure: float, rng: Generator | None, noise_level: float = 1.0) -> Bytes:
-    """(h, w, 3) float light to uint8 RGB: lens softness, gain, and noise where `rng` is given."""
+    """(h, w, 3) float light to uint8 RGB: lens softness, gain, and noise if `rng` is given."""
     import cv2
 
     image = exposure * cv2.GaussianBlur(light, (0, 0), 0.5)

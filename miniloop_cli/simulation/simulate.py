@@ -1,4 +1,4 @@
-"""Simulated frames one after the other, and the folder they are written to."""
+"""Simulated frames one after the other, with their exact poses."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from miniloop_cli.simulation.tour import tour
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
 
 START_S = 1000.0  # stamps begin here
-BLUR_SAMPLES, SHAKEN_SAMPLES = 6, 16  # of the exposure; more where the hand shakes
-BLANK_SHARE = 0.9  # of the view that has no texture, in a stretch that is called blank
+BLUR_SAMPLES, SHAKEN_SAMPLES = 6, 16  # of the exposure; more while the hand shakes
+BLANK_SHARE = 0.9  # of the view without texture, in a stretch "blank"
 TRUTH_RATE_HZ = 100.0
 GRAVITY_M_S2 = 9.81
 ACCELEROMETER_NOISE_M_S2, ACCELEROMETER_BIAS_M_S2 = 0.2, 0.1  # of each axis; a degree is 0.17 m/s^2
@@ -33,18 +33,18 @@ ACCELEROMETER_RANGE_M_S2 = 2 * GRAVITY_M_S2  # as a Kinect's
 
 @dataclass(frozen=True)
 class SimulatedFrame:
-    """A frame as a recording would hold it, with its exact pose."""
+    """A frame as in a recording, with its exact pose."""
 
     timestamp_s: float
     T_world_cam: Floats  # of the middle row, when the image was taken
     color: Bytes
     depth: NDArray[np.uint16]  # units of 1 / depth_scale m
     moving: Bools | None  # pixels of the moving object
-    taken_s: float  # when the image was taken: not at its stamp in stretches "doubled", "frozen" and "swapped"
-    stretches: tuple[str, ...] = ()  # what is hard about it
+    taken_s: float  # time of the image, which differs from its stamp in stretches "doubled", "frozen" and "swapped"
+    stretches: tuple[str, ...] = ()  # the hard stretches that it belongs to
 
     def scan(self, camera: Camera) -> Scan:
-        """What `read_scan` returns for this frame where depth is registered, without its mask."""
+        """The result of `read_scan` for this frame with registered depth, without its mask."""
         return Scan(self.color, self.depth.astype(np.float32) / np.float32(camera.depth_scale))
 
 
@@ -66,7 +66,7 @@ def simulate(settings: SimulationSettings, rng: Generator) -> Iterator[Simulated
 
 
 def _spawned(rng: Generator, number: int) -> Generator:
-    """The generator that a first `rng.spawn` would give as the one of this number."""
+    """The generator with this number in a first call of `rng.spawn`."""
     seed = rng.bit_generator.seed_seq
     assert isinstance(seed, np.random.SeedSequence)
     child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number), pool_size=seed.pool_size)
@@ -85,7 +85,7 @@ def true_trajectory(settings: SimulationSettings, rng: Generator) -> Trajectory:
 
 
 def accelerations(settings: SimulationSettings, rng: Generator) -> tuple[Floats, Floats]:
-    """Stamps (n,) seconds and what an accelerometer in the camera's axes reads (n, 3) m/s^2, upwards when it rests.
+    """Stamps (n,) seconds and accelerometer readings (n, 3) m/s^2 in the camera's axes, upwards at rest.
 
     `rng` must be in the state that `simulate` was given.
     """
@@ -141,7 +141,7 @@ def _frame(
     def image(time_s: float, rays: Floats = rays, own: DepthCamera | None = None) -> tuple[NDArray, ...]:
         if figure is not None:
             scene[0][figure] = _figure_pose(path(np.array([time_s]))[0], time_s)
-        if settings.scene == "turntable":  # the room rests where the camera does
+        if settings.scene == "turntable":  # the room moves with the camera
             before, now = path(np.array([0.0, time_s]))
             scene[0][ROOM] = se3.inverse(now @ se3.inverse(before) @ T_WORLD_ROOM)
         if own:
@@ -170,7 +170,7 @@ def _frame(
 
 
 def _share_blank(blank_m: Floats, rays: Floats, T_world_cam: Floats, depth_m: Floats32) -> float:
-    """Share of the view, every eighth pixel both ways, that shows a place without texture."""
+    """Share of the view, sampled at every eighth pixel, without texture."""
     if not len(blank_m):
         return 0.0
     z = depth_m[::8, ::8, None].astype(float)
@@ -180,7 +180,7 @@ def _share_blank(blank_m: Floats, rays: Floats, T_world_cam: Floats, depth_m: Fl
 
 
 def _figure_pose(T_world_cam: Floats, t: float) -> Floats:
-    """Upright, 1.2 m before the camera, swinging sideways; returns T_box_world."""
+    """T_box_world of the figure: upright, 1.2 m in front of the camera, swinging sideways."""
     forward, right = T_world_cam[:3, 2], T_world_cam[:3, 0]
     heading = np.arctan2(forward[1], forward[0])
     centre = T_world_cam[:3, 3] + 1.2 * np.array([np.cos(heading), np.sin(heading), 0]) + 0.3 * np.sin(2.1 * t) * right

@@ -1,4 +1,4 @@
-"""Hard stretches of a recording: what goes wrong, at which of the camera's ticks, by how much."""
+"""Hard stretches of a recording: the faults at each of the camera's ticks."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ LENGTH_S = {
     "broken": 0.2,
     "missing": 1.0,
 }
-NOISE_IN_THE_DARK = 4.0  # times what it is in the light
-BLACK = (0.4, 0.6)  # part of a dive into the dark in which there is no light at all
+NOISE_IN_THE_DARK = 4.0  # times the noise in the light
+BLACK = (0.4, 0.6)  # part of a stretch "dark" without any light
 SHAKE_RAD, SHAKE_HZ = np.radians([3.0, 5.0]), 2.2  # pitch, yaw
 EXPOSED_SHARE = 0.95  # of the time between two frames, in a blurred stretch
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Ticks [first, last) of the camera, counted from 0, at which something of a `kind` happens."""
+    """Ticks [first, last) of the camera, counted from 0, with a fault of a `kind`."""
 
     kind: str
     first: int
@@ -39,10 +39,10 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick of the camera and what comes of it."""
+    """One tick of the camera and its faults."""
 
     number: int  # its stamp is number / rate
-    source: int  # the tick whose images it holds
+    source: int  # the tick of its images
     stretches: tuple[str, ...] = ()
     gain: float = 1.0  # of the light
     noise: float = 1.0  # times the noise of the colour image
@@ -53,8 +53,7 @@ class Tick:
 def plan(settings: SimulationSettings) -> list[Stretch]:
     """The stretches of `settings.hard` in their order, each in the middle of its share of the recording.
 
-    They last LENGTH_S, or, in short recordings, half of their share. `blank` is a place, not a time, and not among
-    them.
+    They last LENGTH_S, or half of their share in short recordings. `blank` is not among them, as it is a place.
     """
     kinds = [kind for kind in settings.hard if kind != "blank"]
     found = []
@@ -67,7 +66,7 @@ def plan(settings: SimulationSettings) -> list[Stretch]:
 
 
 def ticks(settings: SimulationSettings) -> list[Tick]:
-    """All ticks of which frames are recorded, in the order of their stamps."""
+    """All ticks with recorded frames, in the order of their stamps."""
     found: list[Tick | None] = [Tick(k, k, blur_s=settings.blur_s) for k in range(settings.frames)]
     for stretch in plan(settings):
         for k in range(stretch.first, stretch.last):
@@ -77,7 +76,7 @@ def ticks(settings: SimulationSettings) -> list[Tick]:
 
 
 def missing(settings: SimulationSettings) -> list[int]:
-    """Ticks of which nothing is recorded."""
+    """Ticks without a recorded frame."""
     return [k for s in plan(settings) if s.kind == "missing" for k in range(s.first, s.last)]
 
 
@@ -103,12 +102,12 @@ def _within(stretch: Stretch, tick: Tick, settings: SimulationSettings) -> Tick:
         case "swapped":
             other = tick.number + (1 if since % 2 == 0 else -1)
             return replace(tick, source=other if other < stretch.last else tick.number)
-        case _:  # unsorted, broken: their files are as any, and spoiled when they are written
+        case _:  # unsorted, broken: applied when the files are written
             return tick
 
 
 def shaken(path: Path, settings: SimulationSettings) -> Path:
-    """The path with a camera that shakes in blurred stretches."""
+    """The path with shaking in blurred stretches."""
     spans = [(s.first / settings.rate_hz, s.last / settings.rate_hz) for s in plan(settings) if s.kind == "blur"]
 
     def poses(t: Floats) -> Floats:

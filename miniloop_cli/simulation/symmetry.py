@@ -1,4 +1,4 @@
-"""Places that look the same when they are turned by 180 degrees about the vertical."""
+"""Places that look the same after a rotation by 180 degrees about the vertical."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HALF_TURN = se3.pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 
 
 def symmetric_paint(paint: Paint) -> Paint:
-    """Paint of one box that gives opposite sides the same look, and a top and a bottom that have no front."""
+    """Paint of one box with equal opposite sides, and a symmetric top and bottom."""
     sides: dict[int, tuple[Bytes, float]] = {}
 
     def painted(face: int, width_m: float, height_m: float) -> tuple[Bytes, float]:
@@ -28,9 +28,9 @@ def symmetric_paint(paint: Paint) -> Paint:
 
 
 def make_symmetric(scene: Scene, first: int) -> None:
-    """Boxes from number `first` on that stand on one side of the middle, and the same ones half-turned on the other.
+    """Keep the boxes from number `first` on that are on one side of the middle, and add their half-turned copies.
 
-    Spheres are left out: what they are painted with would have to turn.
+    Spheres are left out, as their texture would have to be rotated.
     """
     scene.sphere.clear()
     scene.sphere_texture.clear()

@@ -1,4 +1,4 @@
-"""A walk through all the rooms of a building and back: a look around in each, then through the door to the next."""
+"""A walk through all the rooms of a building and back: look around in each room, then go through the next door."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from miniloop_cli.simulation.layout import Layout
 from miniloop_cli.simulation.path import Path, look, waves
 from miniloop_cli.typing import Floats
 
-TURN_RAD_S, WALK_M_S = np.radians(25), 0.5  # what a person with a camera does
-LOOK_AROUND_RAD = 1.5 * np.pi  # at least so much in a room that is entered for the first time
+TURN_RAD_S, WALK_M_S = np.radians(25), 0.5  # of a person with a camera
+LOOK_AROUND_RAD = 1.5 * np.pi  # least rotation in a room at the first visit
 HEIGHT_M, PITCH_RAD = 1.3, -0.22
-BACK_M = np.array([0.7, 0.5])  # the camera stands behind the middle of a room, so that the views are wide
+BACK_M = np.array([0.7, 0.5])  # the camera stands behind the middle of a room, for wide views
 SWAY_PERIOD_S, SWAY = 6.0, (0.08, 0.08, 0.1, 0.15, 0.05)  # x y z (m), pitch, roll (rad)
 TREMOR_PERIOD_S, TREMOR = 0.6, (0.003, 0.003, 0.005, 0.006, 0.006, 0.006)  # x y z (m), yaw, pitch, roll (rad)
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A turn on the spot, or a straight walk: it begins and ends at rest."""
+    """A turn on the spot, or a straight walk, from rest to rest."""
 
     yaw_rad: tuple[float, float]
-    middle_m: tuple[Floats, Floats]  # (2,) what the camera stands behind
+    middle_m: tuple[Floats, Floats]  # (2,) the point that the camera stands behind
     seconds: float
 
 
@@ -51,12 +51,12 @@ def legs(layout: Layout) -> list[Leg]:
 
 
 def duration_s(layout: Layout) -> float:
-    """Of the walk at a person's pace."""
+    """Duration (s) of the walk at a person's pace."""
     return float(sum(leg.seconds for leg in legs(layout)))
 
 
 def tour(layout: Layout, duration_s: float, rng: Generator) -> Path:
-    """The walk in so many seconds, hand-held: the camera sways as fast as a hand does, whatever the pace."""
+    """The walk in this time, hand-held: the camera sways with the frequency of a hand, at any pace."""
     parts = legs(layout)
     ends = np.cumsum([leg.seconds for leg in parts])
     begins, ends = np.r_[0, ends[:-1]] / ends[-1], ends / ends[-1]

@@ -1,4 +1,4 @@
-"""A simulated recording as a folder in TUM's layout: there whole, or not at all."""
+"""A simulated recording as a folder in TUM's layout, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from miniloop_cli.simulation.simulate import (
 )
 from miniloop_cli.simulation.stretches import missing
 
-MARKER = "simulation.yaml"  # says that a folder was made here and may be made again
-STRETCHES = "stretches.csv"  # which frames are hard, and how
+MARKER = "simulation.yaml"  # marks a simulated folder, which may be replaced
+STRETCHES = "stretches.csv"  # the frames of hard stretches
 
 Progress = Callable[[Iterable[SimulatedFrame]], Iterator[SimulatedFrame]]
 
@@ -44,8 +44,8 @@ def write_sequence(
 
     The same settings and seed give the same bytes. Everything is written under a temporary name beside `folder`
     and renamed at the end. `overwrite` replaces a folder that was simulated before, never another one.
-    With hard stretches, stretches.csv names their frames: stamp, stretch, and when the image was taken. A frame in
-    two stretches has two rows; the stamps of frames that are missing have one.
+    With hard stretches, stretches.csv names their frames: stamp, stretch, and time of the image. A frame in two
+    stretches has two rows; missing frames have one.
 
     Raises MiniloopError if the folder is in use or cannot be written.
     """
@@ -109,7 +109,7 @@ def _write(folder: Path, settings: SimulationSettings, seed: int, progress: Prog
             if "mask" in kinds and frame.moving is not None:
                 mask = frame.moving.astype(np.uint8) * 255
                 writes.append(pool.submit(_write_png, folder / "mask" / f"{name}.png", mask))
-            while len(writes) > 16:  # a full disk is reported now, and images do not pile up in memory
+            while len(writes) > 16:  # reports a full disk at once, and limits images in memory
                 writes.pop(0).result()
         for write in writes:
             write.result()

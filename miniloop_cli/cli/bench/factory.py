@@ -1,4 +1,4 @@
-"""The command of a benchmark: its options, rows shown as they come, and the files they leave."""
+"""The command of a benchmark: its options, its rows on the screen, and its files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Column(NamedTuple):
 
 
 def numbers(place: str, form: str, *names: str, **heads: str) -> tuple[Column, ...]:
-    """Columns alike but for key and head: of `names`, which are both, then of `heads` (key=head).
+    """Columns that differ in key and head only: of `names`, which are both, then of `heads` (key=head).
 
     `form` is for values with a decimal point.
     """
@@ -51,12 +51,12 @@ def several(name: str, kind: click.ParamType, default: Sequence[Any], meaning: s
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A measurement and how its command looks.
+    """A measurement and the layout of its command.
 
-    `rows` and `draw` are "module:function", imported when the command runs. The first makes the rows: its arguments
-    are the values of the `options`, the `seed` and the `workers`. The second makes a figure of the rows.
-    A row shows those `columns` whose keys it has; `heading` stands above, with the row's values, and again where it
-    changes. Without `parallel` there is no --jobs.
+    `rows` and `draw` are "module:function", imported when the command runs. The first makes the rows from the values of
+    the `options`, the `seed` and the `workers`. The second makes a figure of the rows.
+    A row shows those `columns` whose keys it has. `heading`, with the row's values, is printed above the rows whenever
+    it changes. Without `parallel` there is no --jobs.
     """
 
     name: str
@@ -93,7 +93,7 @@ def _imported(name: str) -> Callable[..., Any]:
 
 
 class _Text(string.Formatter):
-    """None is "-", true "yes", false "no"; a number's format is for those with a decimal point."""
+    """None is "-", true "yes", false "no"; the format is applied to numbers with a decimal point only."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, bool):
@@ -104,7 +104,7 @@ class _Text(string.Formatter):
 
 
 def _text(template: str, row: Row) -> str:
-    """The template with the row's values; a bracket at its end that would hold nothing is left out."""
+    """The template with the row's values; a bracket at its end without values is left out."""
     return _Text().vformat(template, (), row).removesuffix(" (-)")
 
 
@@ -113,7 +113,7 @@ def _keys(template: str) -> set[str]:
 
 
 def _shown(benchmark: Benchmark, rows: Iterable[Row], silent: bool) -> list[Row]:
-    """All rows, each as a line once it is there; not where JSON goes to stdout."""
+    """All rows, each printed as a line when it is ready, unless JSON goes to stdout."""
     found: list[Row] = []
     heading, columns = "", list[Column]()
     for row in rows:
@@ -135,7 +135,7 @@ def _shown(benchmark: Benchmark, rows: Iterable[Row], silent: bool) -> list[Row]
 def _write(
     name: str, rows: Sequence[Row], draw: Callable[..., Any], output: Path | None, json_path: str | None, quiet: bool
 ) -> None:
-    """NAME.csv (union of the keys, in order of appearance), {"rows": [...]} as JSON where it is asked for, NAME.png."""
+    """NAME.csv (union of the keys, in order of appearance), {"rows": [...]} as JSON if requested, NAME.png."""
     from miniloop_cli.evaluation.plots import save
 
     table, picture = ((output or Path(FOLDER.format(name))) / f"{name}.{ending}" for ending in ("csv", "png"))
