@@ -2,8 +2,8 @@
 
     from miniloop_cli import evaluate, register, simulate
 
-The three calls of miniloop_cli.api are imported when they are first asked for, so that the command line starts at once.
-Importing this package changes nothing in the process and touches no file.
+The calls of miniloop_cli.api are imported on first use, so that the command line starts fast. Importing this package
+does not change the process or any file.
 """
 
 from __future__ import annotations

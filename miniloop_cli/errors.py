@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 
 def printable(text: str, most: int) -> str:
-    """Text on one line, whatever characters or undecodable bytes it holds, and not endless: the middle is left out."""
+    """Text on one line, with all characters printable; of a longer text the middle is left out."""
     text = text if len(text) <= most else f"{text[: most // 2 - 2]}...{text[-(most // 2 - 2) :]}"
     text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
@@ -16,10 +16,10 @@ NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "can't start new
 
 
 class MiniloopError(Exception):
-    """Something the user can act on: what was wrong, where, and what to do, in one line.
+    """An error that the user can act on: what is wrong, where, and what to do, in one line.
 
-    The launcher prints the message and exits with status 1; no traceback unless `--debug`. A message quotes what
-    others wrote, so it is made printable here, for every place that shows it.
+    The launcher prints the message and exits with status 1; a traceback is shown with `--debug` only. Messages quote
+    foreign text, which is made printable here for all outputs.
     """
 
     def __init__(self, message: str) -> None:
@@ -27,27 +27,27 @@ class MiniloopError(Exception):
 
 
 class InputError(MiniloopError):
-    """A file or folder that was given cannot be used as it is (names the file, and the line or frame)."""
+    """A given file or folder cannot be used; the message names the file, and the line or frame."""
 
 
 class ConfigError(MiniloopError):
-    """A setting is unknown or out of range (names the key and where it came from)."""
+    """A setting is unknown or out of range; the message names the key and its source."""
 
 
 def causes(error: BaseException | None) -> Iterator[BaseException]:
-    """The error, what caused it, what caused that, and so on."""
+    """The error, its cause, the cause of that, and so on."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
 
 
 def interrupted(error: BaseException | None) -> bool:
-    """Whether an error is what a library made of an interrupt: compiled code and imports raise errors of their own."""
+    """Whether an error comes from an interrupt, which compiled code and imports turn into other errors."""
     return any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
 
 
 def out_of_memory(error: BaseException) -> bool:
-    """Whether an error, or what caused it, says that memory ran out: every library has its own words for it."""
+    """Whether an error or its cause reports exhausted memory, in the words of any library."""
     return any(map(_says_out_of_memory, causes(error)))
 
 

@@ -1,7 +1,7 @@
-"""The feature types by name: how each is detected, where exactly it lies, and how its descriptors are compared.
+"""The feature types by name: detector, exact position, and comparison of descriptors.
 
-A new type is one entry of FEATURE_TYPES: the settings, the command line and the stages go by this table. Below the
-settings, since they are checked against it; without heavy imports, since the command line lists its names.
+A new type is one entry of FEATURE_TYPES, which the settings, the command line and the stages use. The module is below
+the settings, which are checked against it, and without heavy imports, as the command line lists its names.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class Keypoints(NamedTuple):
-    """What a detector finds in one image, in any order.
+    """The keypoints of one image, in any order.
 
-    px: (n, 2) float64 pixels, centres at integers; radius_px: (n,) float32 of the blob or corner that was found;
+    px: (n, 2) float64 pixels, centres at integers; radius_px: (n,) float32 of the blob or corner;
     response: (n,) float32, larger is better; descriptors: (n, d) as stored.
     """
 
@@ -39,10 +39,10 @@ class Descriptors:
 
     binary: they are bits, compared by Hamming distance; else real numbers, by Euclidean distance.
     dtype: as stored, uint8 or float32 (small ones are kept as bytes).
-    comparable: stored to what `features.match` takes: uint8 bits, or float32.
-    compact: stored to small integers (n, d) uint8, which guided matching and sketches take, and the scale by which
-    their squared distances are divided. So scaled, unrelated features are about 1 to 2 apart and the same point seen
-    twice mostly below 0.3, for every type.
+    comparable: from stored ones to those for `features.match`: uint8 bits, or float32.
+    compact: from stored ones to small integers (n, d) uint8, for guided matching and sketches, and the scale of their
+    squared distances. After division by it, distances of unrelated features are about 1 to 2 and those of the same
+    point mostly below 0.3, for every type.
     """
 
     binary: bool
@@ -55,9 +55,9 @@ class Descriptors:
 class FeatureType:
     """A detector with its descriptor. It must be deterministic: the same image, the same bytes.
 
-    blob: its keypoints are extrema of a Laplacian at their own scale, which a slanted surface draws off their middle
+    blob: its keypoints are extrema of a Laplacian at their scale, which a slanted surface shifts from the middle
     (`features.keypoints3d.blob_shift`).
-    version: to be raised when what it finds changes, so that no features kept from before are taken for its own.
+    version: raise it when the keypoints change, so that older cached features are not used.
     """
 
     detector: Detector
@@ -67,10 +67,10 @@ class FeatureType:
 
 
 def opencv(create: Callable[[int, float], Any], radius: float = 0.5, shift_px: float = 0.0) -> Detector:
-    """The detector that `create(count, contrast)`, one of OpenCV's, is.
+    """A detector from `create(count, contrast)`, which makes one of OpenCV's.
 
-    radius: of OpenCV's `size` the share that is the radius of what was found; shift_px: how much too far right and
-    down it puts every feature.
+    radius: the radius of a feature as a share of OpenCV's `size`; shift_px: by which OpenCV places every feature too
+    far right and down.
     """
 
     def find(gray: Bytes, count: int, contrast: float) -> Keypoints:
@@ -88,14 +88,14 @@ def opencv(create: Callable[[int, float], Any], radius: float = 0.5, shift_px: f
 
 
 def opencv_function(name: str) -> Callable[..., Any]:
-    """A function of OpenCV's main module, or of the contributed one, where OpenCV 5 moved some detectors."""
+    """A function of OpenCV's main module, or of the contributed one, to which OpenCV 5 moved some detectors."""
     import cv2
 
     return getattr(cv2, name, None) or getattr(cv2.xfeatures2d, name)
 
 
 def _surf(gray: Bytes, count: int, contrast: float) -> Keypoints:
-    """SURF by OpenCV where its build may use it, else by mahotas."""
+    """SURF by OpenCV if its build includes it, else by mahotas."""
     if _opencv_has_surf():
         return opencv(lambda *_: opencv_function("SURF_create")(hessianThreshold=100))(gray, count, contrast)
     import numpy as np
@@ -113,7 +113,7 @@ def _surf(gray: Bytes, count: int, contrast: float) -> Keypoints:
 
 @cache
 def _opencv_has_surf() -> bool:
-    # The symbol is in every build; only builds with the non-free modules can call it.
+    # The symbol exists in every build, but raises without the non-free modules.
     import cv2
 
     try:
@@ -163,19 +163,19 @@ def _compact_unit(stored: NDArray[Any]) -> tuple[Bytes, float]:
 
 
 BITS = Descriptors(True, "uint8", _as_they_are, _compact_bits)
-UNIT_VECTORS = Descriptors(False, "float32", _as_they_are, _compact_unit)  # of values of either sign
+UNIT_VECTORS = Descriptors(False, "float32", _as_they_are, _compact_unit)  # of values of both signs
 HISTOGRAMS = Descriptors(False, "uint8", _as_real, _compact_histograms)
 ROOT_HISTOGRAMS = Descriptors(False, "uint8", _hellinger, _compact_hellinger)
 
-# A keypoint's size is two sigma of SIFT's Gaussian. SIFT doubles the image first and puts every feature 0.25 px too far
-# right and down; OpenCV's own cure, enable_precise_upscale, finds fewer features.
+# A keypoint's size is two sigma of SIFT's Gaussian. SIFT doubles the image first and places every feature 0.25 px too
+# far right and down; OpenCV's own correction, enable_precise_upscale, finds fewer features.
 SIFT = opencv(
     lambda count, contrast: opencv_function("SIFT_create")(nfeatures=count, contrastThreshold=contrast), 1.0, 0.25
 )
 FEATURE_TYPES = {
     "rootsift": FeatureType(SIFT, ROOT_HISTOGRAMS, blob=True),  # Arandjelović & Zisserman, CVPR 2012
     "sift": FeatureType(SIFT, HISTOGRAMS, blob=True),
-    # ORB and BRISK state the patch that is described; a feature is the circle of a FAST or AGAST corner in its middle.
+    # The size of ORB and BRISK is that of the described patch; the feature is a FAST or AGAST corner in its middle.
     "orb": FeatureType(
         opencv(lambda count, _: opencv_function("ORB_create")(nfeatures=count, fastThreshold=10), 3.5 / 31), BITS
     ),

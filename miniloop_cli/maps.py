@@ -1,7 +1,7 @@
-"""Maps of several recordings: register many together, add one, take one out. Each leaves the folder whole.
+"""Maps of several recordings: register many together, add one, remove one. Each keeps the folder consistent.
 
-The map itself changes in one step (results/map_folder.py). The files beside it follow from it; where a process was
-killed before it had written them, the next one that changes the map writes them first.
+The map itself changes in one step (results/map_folder.py). The files beside it are derived from it; if a process is
+killed before it has written them, the next change of the map writes them first.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def register_many(
 ) -> dict[str, Any]:
     """Register recordings together: one map in `output`, each recording's files in a folder of its name there.
 
-    The arguments are those of `register`, and hold for each recording. Returns what summary.json says. A recording that
-    cannot be registered is named in "failed" and left out. Raises MiniloopError where none can be.
+    The arguments are those of `register`, and hold for each recording. Returns the content of summary.json. A recording
+    that cannot be registered is listed in "failed" and left out. Raises MiniloopError if none can be registered.
     """
     from miniloop_cli.api import open_recording
     from miniloop_cli.mapping.same_recording import refuse_known
@@ -97,10 +97,10 @@ def add(
     fresh: bool = False,
     quiet: bool = True,
 ) -> dict[str, Any]:
-    """Add a recording to the map of a result, with the settings and the seed that the map was made with.
+    """Add a recording to the map of a result, with the settings and the seed of the map.
 
-    The result is that of registering all of its recordings together. Returns what summary.json says. Raises
-    MiniloopError where the recording is in the map, or cannot be registered; then the map is as it was.
+    The result is that of registering all of its recordings together. Returns the content of summary.json. Raises
+    MiniloopError if the recording is in the map already, or cannot be registered; the map is then unchanged.
     """
     from miniloop_cli.api import open_recording
     from miniloop_cli.mapping.same_recording import refuse_images, refuse_known
@@ -120,9 +120,9 @@ def add(
 
 
 def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True) -> dict[str, Any]:
-    """Take a recording out of the map of a result; the others lie as if they had been registered without it.
+    """Remove a recording from the map of a result; the others are as if registered without it.
 
-    Returns what summary.json says. Raises MiniloopError for a name that is not in the map, or is its only recording.
+    Returns the content of summary.json. Raises MiniloopError for an unknown name, and for the only recording.
     """
     from miniloop_cli.results.map_folder import map_settings
 
@@ -145,12 +145,12 @@ def remove(result: Path | str, name: str, *, jobs: int = -1, quiet: bool = True)
 
 @contextmanager
 def _changing(target: Path) -> Iterator[SceneMap]:
-    """The map of a folder that no other process changes meanwhile, with all files beside it in order."""
+    """The map of a folder, locked against other processes, with all files beside it up to date."""
     from miniloop_cli.results.map_files import up_to_date, write_map_files
     from miniloop_cli.results.map_folder import read_manifest, read_map
     from miniloop_cli.runtime.folder_lock import exclusive
 
-    read_manifest(target)  # a folder without a map is not even locked
+    read_manifest(target)  # raises before a folder without a map is locked
     with exclusive(target):
         before = read_map(target)
         if len(before.parts) > 1 and not up_to_date(target):
@@ -164,7 +164,7 @@ def _changing(target: Path) -> Iterator[SceneMap]:
 def _registered(
     sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int
 ) -> tuple[Registration, MapPart]:
-    """A recording registered by itself, and what the map keeps of it: exactly what reading it back would give."""
+    """A recording registered by itself, and its part of the map, exactly as it would be read back."""
     from miniloop_cli.mapping.part import part_of
     from miniloop_cli.pipeline import register
     from miniloop_cli.results.map_arrays import part_arrays, part_from, part_header
@@ -211,7 +211,7 @@ def _write(
     extra: dict[str, Any],
     old: SceneMap | None = None,
 ) -> dict[str, Any]:
-    """The map, then the files of the runs, in its world, then those of the whole; `old`: the map that it changes."""
+    """Write the map, then the files of the runs in its world, then the common files; `old`: the map before."""
     from miniloop_cli.api import write_run
     from miniloop_cli.mapping.carry import map_trajectories
     from miniloop_cli.report.map_page import write_map_page
@@ -235,7 +235,7 @@ def _write(
 
 
 def _make_room(target: Path, before: Many[str]) -> None:
-    """Move what a run of one recording left at the top into the folder of the recording."""
+    """Move the files of a run of one recording from the top into the folder of the recording."""
     from miniloop_cli.results.write import FILES
 
     if not (target / "trajectory.txt").is_file():
@@ -256,6 +256,6 @@ def _tools(jobs: int, fresh: bool, quiet: bool) -> tuple[Store, Workers]:
 
 
 def _free_name(name: str, taken: Many[str]) -> str:
-    """The name, with a number behind it where another recording has it."""
+    """The name, followed by a number if another recording has it."""
     names = (name if k == 1 else f"{name}-{k}" for k in range(1, len(taken) + 2))
     return next(free for free in names if free not in (*taken, "map"))

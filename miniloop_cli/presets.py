@@ -46,7 +46,7 @@ def keys(model: type[BaseModel] = Settings, prefix: str = "") -> dict[str, Any]:
 
 
 def preset_path(name: str) -> Path:
-    """Where a preset lies: inside the installed package, or beside it in a checkout."""
+    """The file of a preset: inside the installed package, or beside it in a checkout. Raises ConfigError."""
     package = Path(__file__).parent
     for folder in (package / "configs", package.parent / "configs"):
         if (folder / f"{name}.yaml").is_file():
@@ -78,7 +78,7 @@ def load_settings(config: str | Path = "default", overrides: tuple[str, ...] = (
 
 
 def _use_new_names(data: dict[str, Any], source: str) -> None:
-    """Rename, in place, what has a name of release 0.1, and say the new name."""
+    """Rename, in place, keys of release 0.1, and log the new names."""
     for old, new in RENAMED.items():
         section, _, name = old.rpartition(".")
         values = data.get(section) if section else data

@@ -1,4 +1,4 @@
-"""Settings of which only some values are allowed: how they are marked, and which values these are."""
+"""Settings with a fixed set of values: their annotation, and the values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 
 class OneOf:
-    """Marks a string as one of the names in a table that may grow, where a Literal would repeat it."""
+    """Marks a string as one of the names in a table, which a Literal would repeat."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = names
@@ -31,7 +31,7 @@ class OneOf:
 
 
 def choices(field: FieldInfo) -> tuple[Any, ...]:
-    """The values that a setting may have, where it has a fixed choice; else none."""
+    """The values of a setting with a fixed choice; else none."""
     named = [item for item in field.metadata if isinstance(item, OneOf)]
     if named:
         return tuple(named[0].names)

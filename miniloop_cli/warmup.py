@@ -1,11 +1,11 @@
-"""Compilation ahead: on a first run, a second process compiles kernels of later stages during the earlier ones.
+"""Compilation in advance: on a first run, a second process compiles kernels of later stages during the earlier ones.
 
-Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time. So
-a run whose kernels are not compiled yet starts `python -m miniloop_cli.warmup`. It uses the later stages on a few made-
-up scans and leaves the compiled kernels in numba's cache, where the run finds them. Its order keeps the two from
-compiling the same: first what all edges need, while the run still extracts and matches features; then, while the run
-begins with 5-cycles, the solver that it comes to next and the stages that follow. The same command makes a fresh
-installation ready, e.g. as the last step of a container image.
+Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time. A
+run without compiled kernels therefore starts `python -m miniloop_cli.warmup`. It runs the later stages on a few
+synthetic scans and stores the compiled kernels in numba's cache for the run. Its order avoids that both compile the
+same kernel: first those that all edges need, while the run extracts and matches features; then, while the run begins
+with 5-cycles, the next solver and the following stages. The same command prepares a fresh installation, e.g. as the
+last step of a container image.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SCANS, POINTS = 5, 120
 
 
 def compiled() -> bool:
-    """Whether numba's cache holds a kernel that a run without it would wait for longest."""
+    """Whether numba's cache has the kernel with the longest compilation."""
     from miniloop_cli.ransac.gauss_newton import gauss_newton
 
     folder = gauss_newton.stats.cache_path
@@ -33,7 +33,7 @@ def compiled() -> bool:
 
 @cache
 def compile_in_background() -> subprocess.Popen[bytes] | None:
-    """Start the rehearsal, once a process, where it is worth it; it is ended with this process at the latest."""
+    """Start the warm-up, once a process, if kernels are missing; it ends with this process at the latest."""
     if compiled() or (os.cpu_count() or 1) < 2:
         return None
     silent = subprocess.DEVNULL
@@ -45,7 +45,7 @@ def compile_in_background() -> subprocess.Popen[bytes] | None:
 
 
 def warm_up() -> None:
-    """Solve a pair, refine, average, and solve cycles, on scans of a made-up cloud of points."""
+    """Solve a pair, refine, average, and solve cycles, on scans of a synthetic cloud of points."""
     from miniloop_cli.config import Settings
     from miniloop_cli.geometry import se3
     from miniloop_cli.geometry.camera import Camera
@@ -83,7 +83,7 @@ def warm_up() -> None:
     scans = Scans(features, points, stamps_s, stamps_s + 0.01, camera, settings.features.type)
 
     def solve(count: int) -> None:
-        """Solve a pair, or a cycle of so many scans."""
+        """Solve a pair, or a cycle of `count` scans."""
         ring = {(min(k, (k + 1) % count), max(k, (k + 1) % count)): same for k in range(count)}
         solve_cycles(ring, points, settings.estimation, 0, workers)
 
