@@ -1,6 +1,6 @@
-"""The kinds of finished work that stages keep, each with the version of what its stage computes.
+"""The kinds of cached results of stages, each with the version of what its stage computes.
 
-Change the version of a kind whenever the same inputs give another content than before; a test watches the code.
+Raise the version of a kind whenever the same inputs give other content than before; a test watches the code.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stage: absolute poses from the edges, which are judged again by what their scans show and by each other."""
+"""Stage: absolute poses from the edges, which are judged again by the views of their scans and by each other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from miniloop_cli.verification.repetition import pattern_steps_m
 
 
 def photometric_check(scans: ScanSet, ransac: Ransac, chi2: float, run: Run) -> PhotometricCheck:
-    """What the scans show beside their matches; their repetition from the store, or made now."""
+    """The photometric check of the scans; their repetition comes from the cache or is computed."""
 
     def make() -> Arrays:
         return {"step_m": np.array(pattern_steps_m(scans, ransac, chi2, run.workers))}
@@ -30,5 +30,5 @@ def photometric_check(scans: ScanSet, ransac: Ransac, chi2: float, run: Run) -> 
 def average(
     edges: EdgeTable, scans: ScanSet, settings: Averaging, photometric: PhotometricCheck | None
 ) -> tuple[Poses, EdgeTable]:
-    """Poses of all scans, and the judged edges; `photometric`: what the scans show, None if that is not to be asked."""
+    """Poses of all scans, and the judged edges; `photometric`: None if views are not to be compared."""
     return average_verified(edges, len(scans), settings, photometric)

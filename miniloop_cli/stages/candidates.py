@@ -1,4 +1,4 @@
-"""Which pairs of scans are compared, and how: by sketches of their features, or exactly."""
+"""Candidate pairs of scans, and their comparison: by sketches of their features, or exactly."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from miniloop_cli.typing import Ints, Pair
 
 Descriptors = Sequence[NDArray]
 MAX_CHECKED_MATCHES = 150  # matches that need no further check
-AGREEING_M = 0.04  # tighter than the estimator's threshold: a few chance matches must not pass for an overlap
+AGREEING_M = 0.04  # tighter than the estimator's threshold, so that a few chance matches do not pass for an overlap
 
 
 def listed_pairs(count: int, source: str, settings: Matching) -> list[Pair]:
-    """The pairs that a source names: "auto" and "exhaustive" every pair, "sequential" near frames, or a file.
+    """The pairs by a source: "auto" and "exhaustive" every pair, "sequential" near frames, or a file of pairs.
 
-    Raises InputError naming the line of a file that does not fit.
+    Raises InputError naming the malformed line of a file.
     """
     if source in ("auto", "exhaustive"):
         return list(combinations(range(count), 2))
@@ -50,15 +50,15 @@ def neighbours(count: int, most: int) -> list[Pair]:
 
 
 def retrieved_pairs(compact: Descriptors, settings: Matching, rng: np.random.Generator) -> list[Pair]:
-    """Frames that are near in time or look alike: the candidates of long recordings."""
+    """Pairs of frames that are near in time or look similar: the candidates of long recordings."""
     alike = similar_pairs(image_vectors(compact, rng), settings.retrieval_k)
     return sorted({*neighbours(len(compact), settings.sequential_window), *alike})
 
 
 def comparer(scans: ScanSet, matching: Matching, workers: Workers) -> Callable[[Sequence[Pair]], Matches]:
-    """How pairs are compared by the settings: by sketches with `matching.pairs: auto`, else exactly.
+    """A function that compares pairs: by sketches with `matching.pairs: auto`, else exactly.
 
-    Descriptors are made ready when the first pairs come.
+    Descriptors are prepared when it is first called.
     """
     kind = scans.feature_type
     strongest = [scan.descriptors[: min(scan.with_depth, matching.count)] for scan in scans.features]
@@ -89,10 +89,10 @@ def match_quickly(
     ratio2: float,
     workers: Workers,
 ) -> Matches:
-    """Matches of the pairs by sketches; a pair of which too few agree in their distances is left out.
+    """Matches (k, 2) of the pairs by sketches; a pair with too few matches of consistent distances is left out.
 
-    features: of each scan its features with depth, strongest first; ratio2: bound of the ratio test on what sketches
-    are compared by (see `match_sketched`).
+    features: the features with depth of each scan, strongest first; ratio2: bound of the ratio test, see
+    `match_sketched`.
     """
 
     shared = features, points, settings, ratio2

@@ -1,4 +1,4 @@
-"""Depth at the features of scans, looked up anew by way of two cameras that are known better than before."""
+"""Depth at the features of scans, read again with better known cameras of colour and depth."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from miniloop_cli.typing import Floats, Floats32, Ints
 
 
 def depth_reader(sequence: Sequence, depth: Depth, workers: Workers) -> DepthReader:
-    """How depth of the frames of a sequence is looked up; frames that cannot be read have none.
+    """A function that reads depth at pixels of the frames; unreadable frames have none.
 
-    It keeps the depth images: a megabyte a frame.
+    It keeps the depth images in memory, about a megabyte a frame.
     """
 
     @cache

@@ -33,8 +33,8 @@ def doubt(
 ) -> tuple[Note, ...]:
     """The doubts about the poses of the scans.
 
-    `solved`: the edges as their matches alone have them; `edges`: as they were judged in the end. `whole`: the
-    recording, of which the scans are the keyframes where it was `tracked`.
+    `solved`: the edges as estimated from their matches; `edges`: as judged in the end. `whole`: the recording, whose
+    keyframes are the scans if it was `tracked`.
     """
     frames = tracked.keyframes if tracked else np.arange(len(scans))
     late = gaps_before(whole.stamps_s)
@@ -60,10 +60,10 @@ def hypotheses(
     photometric: PhotometricCheck | None,
     run: Run,
 ) -> tuple[EdgeTable, EdgeTable]:
-    """What is believed of pairs of the largest component, by their matches and images alone: hypotheses that agree with
-    the poses, and such that contradict them, second modes among these.
+    """Hypotheses about pairs of the largest component that their matches and images support: those that agree with the
+    poses, and those that contradict them, including second modes.
 
-    What guided matching found takes no part: it looked where the poses said.
+    Results of guided matching take no part, as they depend on the poses.
     """
     followed = edges.edges_of(edges.solver == FOLLOWED)
     alone = _seen(solved.replaced(followed) if followed else solved, settings, photometric)
@@ -82,13 +82,13 @@ def hypotheses(
 
 
 def _seen(edges: EdgeTable, settings: Settings, photometric: PhotometricCheck | None) -> EdgeTable:
-    """The edges without those that what their scans show speaks against."""
+    """The edges without those that the views of their scans contradict."""
     if photometric is None or not len(edges):
         return edges
     return check_scans(edges, photometric, settings.averaging.min_photo_consistency)
 
 
 def usual_depth_m(scans: ScanSet) -> float:
-    """Median over the scans of the median depth of their points; infinite without any."""
+    """Median over the scans of the median depth of their points; infinite without points."""
     medians = [float(np.median(points.points_m[:, 2])) for points in scans.points if len(points.points_m)]
     return float(np.median(medians)) if medians else float("inf")

@@ -1,4 +1,4 @@
-"""Stage: a recording added to a map: what it touches is judged and adjusted, and the whole only if it must be."""
+"""Stage: add a recording to a map; its neighbourhood is judged and adjusted, and the whole map only if necessary."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ from miniloop_cli.verification.consensus import average_verified
 
 LOG = logging.getLogger("miniloop")
 MAX_SURPRISE = 22.5  # chi-squared of 6 degrees of freedom: one keyframe in a thousand moves by more
-MOST_TOUCHED = 0.5  # share of a piece that the new recording shows; beyond, adjusting all costs no more
-MOVED_M, MOVED_DEG = 0.01, 0.5  # from where on keyframes may match otherwise: a third of the window of guided matching
+MOST_TOUCHED = 0.5  # share of a piece that the new recording shows; beyond, adjusting all costs about the same
+MOVED_M, MOVED_DEG = 0.01, 0.5  # with larger moves, matches may change: a third of the window of guided matching
 
 
 class MustAdjustAll(Exception):
@@ -56,10 +56,10 @@ class MustAdjustAll(Exception):
 
 
 class Placed(NamedTuple):
-    """New keyframes beside those of one piece of a map.
+    """New keyframes in one piece of a map.
 
-    T_new (k, 4, 4) in the world of `piece`; `near` (m,) keyframes of the map around them; `edges` that were verified,
-    numbered through the map.
+    T_new (k, 4, 4) in the world of `piece`; `near` (m,) keyframes of the map around them; verified `edges`, numbered
+    through the map.
     """
 
     T_new: Floats
@@ -71,10 +71,10 @@ class Placed(NamedTuple):
 def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> SceneMap:
     """The map with one more recording.
 
-    Where the recording shows one piece of the map, its keyframes and those that share points with them are adjusted
-    while the others are held; then all of the piece for a few steps. Where that moves a keyframe by more than the map
-    thought possible, or the recording joins pieces, or the piece was never adjusted as one, all keyframes are adjusted
-    again, as `join` does.
+    If the recording shows one piece of the map, its keyframes and those that share points with them are adjusted while
+    the others are fixed; then the whole piece for a few steps. If that moves a keyframe by more than its uncertainty
+    allows, or if the recording joins pieces, or if the piece was never adjusted as a whole, all keyframes are adjusted
+    again as by `join`.
     """
     parts = (*before.parts, part)
     retrieval = extended(before.joined.retrieval, part.features, part.feature_type)
@@ -90,7 +90,7 @@ def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> Sce
 def _extended(
     before: SceneMap, part: MapPart, solved: Mapping[Pair, EdgeTable], settings: Settings, run: Run
 ) -> Joined:
-    """How the recordings lie to each other. Raises MustAdjustAll."""
+    """The relative poses of the recordings. Raises MustAdjustAll."""
     if settings.refine != "bundle":
         raise MustAdjustAll(f"refine is {settings.refine}")
     parts, old = (*before.parts, part), before.joined
@@ -129,10 +129,9 @@ def _extended(
 def _placed(
     before: SceneMap, part: MapPart, scans: ScanSet, solved: Mapping[Pair, EdgeTable], settings: Settings, run: Run
 ) -> Placed | None:
-    """Where the recording lies in the map; None where it shows none of its pieces. Raises MustAdjustAll.
+    """The keyframes of the recording in the map; None if it shows none of its pieces. Raises MustAdjustAll.
 
-    Averaged and judged are its edges with those of the keyframes of the map that it was matched with, and of their
-    neighbours.
+    Averaging and judging use its edges, and those of the matched keyframes of the map and of their neighbours.
     """
     parts, last, n = (*before.parts, part), len(before.parts), int(before.first[-1])
     counts = [len(one) for one in parts]
@@ -198,7 +197,7 @@ def _adjusted(
 ) -> tuple[Floats, Floats]:
     """Poses (m, 4, 4) of the keyframes `inside` a piece (K,), covariances (k, 6, 6) of the `new` ones among them (K,).
 
-    Raises MustAdjustAll where the new ones are not tied to the map, or it moves by more than it thought possible.
+    Raises MustAdjustAll if few points join the new ones to the map, or if it moves by more than its uncertainty allows.
     """
     seen = Observations.of(tracks, scans, settings.bundle.min_frames)
     seen = seen.subset(inside[seen.frame])

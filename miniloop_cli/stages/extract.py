@@ -1,4 +1,4 @@
-"""Stage: the features and the small picture of every scan; a scan that cannot be read is named and left empty."""
+"""Stage: the features and the view of every scan; an unreadable scan is empty and has the reason."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def extract(sequence: Sequence, features: Features, depth: Depth, run: Run) -> S
 
 
 def _made_by_cluster(how: How, run: Run) -> dict[int, Arrays | str]:
-    """What the cluster makes of the frames that are not in the store."""
+    """The results of the cluster for frames that are not in the cache."""
     keys = [_key(how, index, run) for index in range(len(how[0].frames))]
     missing = [index for index, key in enumerate(keys) if run.store.load(FEATURES, key) is None]
     found = run.workers.spread(extract_arrays, how, missing, "detecting features", len(missing))
@@ -47,7 +47,7 @@ def _made_by_cluster(how: How, run: Run) -> dict[int, Arrays | str]:
 
 
 def _extract_scan(how: How, index: int, run: Run, made: Arrays | str | None) -> ExtractedScan:
-    """Features of frame `index`: those in the store, else those `made` already, else made now."""
+    """Features of frame `index`: from the cache, else those `made` already, else computed."""
     key = _key(how, index, run)
     kept: Arrays | str | None = run.store.load(FEATURES, key) if made is None else made
     if kept is None or made is not None:
@@ -62,7 +62,7 @@ def _extract_scan(how: How, index: int, run: Run, made: Arrays | str | None) -> 
 
 
 def extract_arrays(how: How, index: int) -> Arrays | str:
-    """The arrays that are kept of frame `index`; why there are none where it cannot be read."""
+    """The arrays of frame `index` for the cache; the reason if it cannot be read."""
     sequence, features, depth = how
     try:
         scan = read_scan(sequence, index)
@@ -80,7 +80,7 @@ def _key(how: How, index: int, run: Run) -> str:
     sequence, features, depth = how
     frame = sequence.frames[index]
     files = [source.fingerprint() for source in (frame.color, frame.depth, frame.mask) if source]
-    # How the camera was found does not change a feature.
+    # Features do not depend on the source of the camera.
     own = frame.camera and replace(frame.camera, source="", trust=Trust.CALIBRATED)
     camera = (replace(sequence.camera, source="", trust=Trust.CALIBRATED), own)
     version = FEATURE_TYPES[features.type].version

@@ -1,8 +1,8 @@
-"""Stage: with poses known, pairs that failed are matched again where their scans must overlap.
+"""Stage: with known poses, failed pairs whose scans overlap are matched again.
 
-The first matching has to tell a match from all features of a scan, by the ratio test. With a relative pose at hand a
-feature is looked for in a small window only, so that many more are found; whether they agree on one rigid motion is
-then judged as before.
+The first matching compares a feature with all features of a scan, by the ratio test. With a relative pose, a feature is
+searched in a small window only, so many more matches are found. Whether they agree on one rigid motion is then judged
+as before.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from miniloop_cli.typing import Floats, Ints, Pair
 def guided_matching(
     poses: Poses, edges: EdgeTable, scans: ScanSet, settings: Estimation, bundle: Bundle, min_matches: int, run: Run
 ) -> EdgeTable:
-    """The edges, those that a second look verified in place of what failed before; from the store, or made now."""
+    """The edges, with failed ones replaced by those that are now verified; from the cache, or computed."""
 
     def make() -> dict[str, NDArray[Any]]:
         return EdgeTable.of(match_again(poses, edges, scans, settings, bundle, min_matches, run.workers)).arrays()
@@ -51,11 +51,10 @@ def match_again(
     min_matches: int,
     workers: Workers,
 ) -> list[Edge]:
-    """The edges that a second look verified.
+    """The newly verified edges.
 
-    Looked at again are pairs that by their poses see the same place and have no verified edge. Pairs that no poses
-    join are not, though failed edges have guesses for them: where places look alike, a wrong guess finds matches that
-    agree.
+    Pairs are matched again if they overlap by their poses and have no verified edge. Pairs of different components are
+    not, although failed edges give a guess: if places look alike, a wrong guess finds matches that agree.
     """
     guesses = _guesses(poses, edges, scans, bundle.partners)
     found = guided_matches(
@@ -73,7 +72,7 @@ def match_again(
 
 
 def _guesses(poses: Poses, edges: EdgeTable, scans: ScanSet, most: int) -> dict[Pair, Floats]:
-    """Pairs to look at again, each with its probable relative pose T_j_i (4, 4)."""
+    """Pairs to match again, each with its probable relative pose T_j_i (4, 4)."""
     T = poses.T_world_cam
     seen = partners(T, poses.registered, scans.points, scans.camera, most)
     verified = set(map(tuple, edges.pairs[edges.verified].tolist()))
@@ -83,7 +82,7 @@ def _guesses(poses: Poses, edges: EdgeTable, scans: ScanSet, most: int) -> dict[
 def _solved(
     pair: Pair, rows: Ints, T_j_i: Floats, scans: ScanSet, settings: Estimation, min_matches: int
 ) -> Edge | None:
-    """The pair's edge by its guided matches with depth, begun from its probable pose; None if they are too few."""
+    """The pair's edge from its guided matches with depth, starting at its probable pose; None if they are too few."""
     i, j = pair
     rows = rows[(rows[:, 0] < len(scans.points[i].points_m)) & (rows[:, 1] < len(scans.points[j].points_m))]
     if len(rows) < min_matches:

@@ -1,4 +1,4 @@
-"""Stage: recordings that were registered by themselves, joined to one map where they show the same places."""
+"""Stage: join recordings, each registered by itself, into one map by the places that they share."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from miniloop_cli.verification.consensus import average_verified
 
 
 def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[Pair, EdgeTable]) -> SceneMap:
-    """The map of these recordings, all of its keyframes adjusted together.
+    """The map of these recordings, with all of its keyframes adjusted together.
 
-    `known`: edges between recordings that were solved before, by their numbers in `parts`; the others are solved now.
+    `known`: already solved edges between recordings, by their numbers in `parts`; the others are solved here.
     """
     found = index([f for part in parts for f in part.features], parts[0].feature_type, len(parts[0]))
     first = first_keyframes(parts)
@@ -55,7 +55,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     for number in range(piece.max(initial=-1) + 1):
         inside = np.flatnonzero(piece[of_part] == number)
         if len(np.unique(of_part[inside])) < 2:
-            continue  # a recording by itself stays as it was registered
+            continue  # a single recording keeps its poses
         start = whole_recordings(T, poses, inside, of_part)
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
@@ -74,9 +74,9 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
 def _tracks(
     parts: Sequence[MapPart], T: Floats, piece: Ints, scans: ScanSet, used: EdgeTable, settings: Settings, run: Run
 ) -> Tracks:
-    """Tracks of the map: of keyframes that were refined together by what matches at their poses, as `extend` goes on.
+    """Tracks of the map: for keyframes refined together, from guided matches at their poses, as in `extend`.
 
-    piece (K,): of each keyframe. Recordings by themselves have those of their edges.
+    piece (K,): of each keyframe. Single recordings have the tracks of their edges.
     """
     pairs, matches = matches_of_edges(parts, used)
     of_part = recording_of_keyframes(parts)
@@ -93,13 +93,13 @@ def _tracks(
 def _settled(
     T: Floats, covariance: Floats, tracks: Tracks, inside: Bools, scans: ScanSet, settings: Settings, run: Run
 ) -> Floats:
-    """(m, 4, 4) poses of the keyframes `inside` a piece (K,) at the minimum of the tracks that the map keeps.
+    """(m, 4, 4) poses of the keyframes `inside` a piece (K,) at the minimum for the tracks of the map.
 
-    The refinement stops where a step gains little. What is added later begins from here, and must find the map at rest.
+    The refinement stops when a step gains little. Later additions start from here and need a map at its minimum.
     """
     seen = Observations.of(tracks, scans, settings.bundle.min_frames)
     seen = seen.subset(inside[seen.frame])
-    if len(untied(seen.track, seen.frame, inside)):  # tracks of two keyframes tied these, or edges
+    if len(untied(seen.track, seen.frame, inside)):  # these are joined by tracks of two keyframes, or by edges
         return T[inside]
     certain = np.where(inside, np.einsum("kii->k", covariance), np.inf)
     fixed, nowhere = int(certain.argmin()), np.zeros((0, 3))
@@ -109,9 +109,9 @@ def _settled(
 def _refined(
     T_world_cam: Floats, edges: EdgeTable, scans: ScanSet, inside: Ints, settings: Settings, run: Run
 ) -> tuple[Floats, Floats]:
-    """Poses (m, 4, 4) and covariances (m, 6, 6) of the keyframes of one piece, refined together from those given.
+    """Poses (m, 4, 4) and covariances (m, 6, 6) of the keyframes of one piece, refined together from given ones.
 
-    Their measurements are as if taken at one instant each, so that there is no motion to undo.
+    Their measurements are corrected to one instant already, so there is no timing to correct.
     """
     poses = Poses(T_world_cam, np.where(np.isin(np.arange(len(scans)), inside), 0, 1))
     usable = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
@@ -120,7 +120,7 @@ def _refined(
     def make() -> Arrays:
         from miniloop_cli.refinement.joint import refine_jointly
 
-        stamps_s = np.linspace(0.0, 1000.0 * len(scans), len(scans))  # so far apart that no path joins them
+        stamps_s = np.linspace(0.0, 1000.0 * len(scans), len(scans))  # far apart, so that there is no path between them
         inputs = Scans(scans.features, scans.points, stamps_s, stamps_s, scans.camera, scans.feature_type)
         found = refine_jointly(poses, usable, inputs, settings.refine, bundle, run.workers)
         return {"T_world_cam": found.poses.T_world_cam, "covariance": found.covariance}

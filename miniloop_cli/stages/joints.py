@@ -1,4 +1,4 @@
-"""Stage: checks of how recordings of a map are joined; joints that their pictures contradict are cut."""
+"""Stage: checks of the joints between recordings of a map; joints that the views contradict are cut."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from miniloop_cli.verification.photometric_check import PhotometricCheck, agreem
 from miniloop_cli.verification.second_best import Elsewhere
 
 LOG = logging.getLogger("miniloop")
-CUT_BELOW, DOUBTED_BELOW = 0.6, 0.75  # share of what two recordings both show that must look alike
+CUT_BELOW, DOUBTED_BELOW = 0.6, 0.75  # share of the common view of two recordings that must agree
 
 
 class Evidence(NamedTuple):
-    """What is looked at: the map, body (K,) the recording of each keyframe, the keyframes of pieces of several
-    recordings, and their small pictures.
+    """Input of the checks: the map, body (K,) the recording of each keyframe, the keyframes of pieces of several
+    recordings, and their views.
     """
 
     scene_map: SceneMap
@@ -50,7 +50,7 @@ class Evidence(NamedTuple):
 
 
 def examined(scene_map: SceneMap, settings: Settings, run: Run) -> SceneMap:
-    """The map with its doubts and its certificate, joined again without what had to be cut."""
+    """The map with its doubts and its certificate, joined again without the edges that were cut."""
     evidence = Evidence.of(scene_map)
     shares = _shares_alike(evidence)
     worst = min(shares, key=lambda pair: shares[pair], default=None)
@@ -77,7 +77,7 @@ def examined(scene_map: SceneMap, settings: Settings, run: Run) -> SceneMap:
 
 
 def _shares_alike(evidence: Evidence) -> dict[Pair, float]:
-    """Of each two recordings that edges join, the share of what both show that looks alike."""
+    """The share of the common view that agrees, for each two recordings joined by edges."""
     joined, shares = evidence.scene_map.joined, dict[Pair, float]()
     edges = {(int(a), int(b)) for a, b in np.sort(evidence.body[joined.edges.pairs], axis=1)}
     for piece in np.unique(joined.piece):
@@ -89,7 +89,7 @@ def _shares_alike(evidence: Evidence) -> dict[Pair, float]:
 
 
 def _cuts(scene_map: SceneMap) -> list[str]:
-    """Of each joint that was cut, what it was."""
+    """A sentence on each joint that was cut."""
     told = []
     for (a, b), table in scene_map.joined.solved.items():
         rows = np.flatnonzero(table.rejection == Rejection.JOINT_LOOKS_DIFFERENT)
@@ -103,7 +103,7 @@ def _cuts(scene_map: SceneMap) -> list[str]:
 
 
 def _alike(scene_map: SceneMap, shares: dict[Pair, float]) -> list[str]:
-    """Doubts about joints of which much looks different."""
+    """Doubts about joints with different views."""
     return [
         f"only {100 * share:.0f} % of what {scene_map.parts[a].name} and {scene_map.parts[b].name} both show looks "
         "alike: something was moved, or places were confused"
@@ -113,7 +113,7 @@ def _alike(scene_map: SceneMap, shares: dict[Pair, float]) -> list[str]:
 
 
 def _elsewhere(evidence: Evidence, settings: Settings) -> list[str]:
-    """Doubts about recordings that could stand elsewhere."""
+    """Doubts about recordings that fit at another place."""
     scene_map, body = evidence.scene_map, evidence.body
     edges = as_one_table([len(part) for part in scene_map.parts], [], scene_map.joined.solved)
     same = scene_map.joined.piece[body[edges.i]] == scene_map.joined.piece[body[edges.j]]
@@ -128,7 +128,7 @@ def _elsewhere(evidence: Evidence, settings: Settings) -> list[str]:
 
 
 def _moved(scene_map: SceneMap, body: Ints, other: Elsewhere, edges: EdgeTable) -> str:
-    """In words: which recordings could stand elsewhere, and the frames on both sides."""
+    """In words: the recordings that fit at another place, and the frames on both sides."""
     moved = np.isin(body[edges.pairs], other.scans)
     ends = np.unique(edges.pairs[moved[:, 0] != moved[:, 1]])
     sides = [np.isin(body[ends], other.scans), ~np.isin(body[ends], other.scans)]
@@ -149,14 +149,14 @@ def _named(scene_map: SceneMap, body: Ints, keyframes: Ints) -> list[str]:
 
 
 def _frames(part: MapPart, keyframes: Ints) -> str:
-    """A recording, and from which of its frames to which these keyframes are."""
+    """A recording, and the range of frames of these keyframes."""
     frames = part.frame[part.keyframe[np.unique(keyframes)]]
     between = f"frame {frames[0]}" if len(frames) == 1 else f"frames {frames[0]} to {frames[-1]}"
     return f"{part.name} ({between})"
 
 
 def _bent(evidence: Evidence, settings: Settings) -> list[str]:
-    """Doubts about recordings that the others bend."""
+    """Doubts about recordings that are bent by the others."""
     scene_map = evidence.scene_map
     T_own = np.concatenate([part.T_world_key for part in scene_map.parts])
     found = bends(scene_map.joined.T_world_cam, T_own, evidence.body, settings.averaging)
@@ -172,7 +172,7 @@ def _bent(evidence: Evidence, settings: Settings) -> list[str]:
 
 
 def _proof(evidence: Evidence, settings: Settings) -> Certificate | None:
-    """What is proven of recordings that are joined, all of their edges together; None where none are."""
+    """The certificate of joined recordings, for all of their edges together; None if none are joined."""
     if not len(evidence.joined):
         return None
     scene_map, count = evidence.scene_map, len(evidence.body)

@@ -23,7 +23,7 @@ from miniloop_cli.verification.repetition import pattern_steps_m
 
 
 def common_scans(parts: Sequence[MapPart], chosen: Ints | None = None) -> ScanSet:
-    """All keyframes as one set of scans, seen by the pinhole of the first recording's camera.
+    """All keyframes as one set of scans, in the pinhole camera of the first recording.
 
     `chosen`: ascending numbers (k,) of some of them, counted through the recordings.
     """
@@ -48,7 +48,7 @@ def common_scans(parts: Sequence[MapPart], chosen: Ints | None = None) -> ScanSe
 
 
 def part_key(part: MapPart, rows: Ints) -> str:
-    """A name for what the keyframes rows (k,) of a recording show."""
+    """A cache key for the views of the keyframes rows (k,) of a recording."""
     features = [part.features[k] for k in rows.tolist()]
     own = [array for f in features for array in (f.px_ideal, f.z_m, f.descriptors)]
     return fingerprint(part.feature_type, replace(part.camera, source=""), content_fingerprint(own))
@@ -57,9 +57,9 @@ def part_key(part: MapPart, rows: Ints) -> str:
 def photometric_check(
     parts: Sequence[MapPart], scans: ScanSet, settings: Settings, run: Run, chosen: Ints | None = None
 ) -> PhotometricCheck:
-    """What the keyframes (`chosen` (k,) as in `common_scans`) show beside their matches.
+    """The photometric check of the keyframes (`chosen` (k,) as in `common_scans`).
 
-    How each repeats itself is kept by recording.
+    Their repetition is cached by recording.
     """
     steps = []
     for part in parts:

@@ -1,4 +1,4 @@
-"""Stage: which features of which scans are taken for the same point."""
+"""Stage: matches of features between scans."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from miniloop_cli.typing import Pair
 from miniloop_cli.verification.pose_prior import pairs_by_pose_prior
 
 LOG = logging.getLogger("miniloop")
-CHUNK = 1024  # pairs an artefact: what a killed run has to do again at most
+CHUNK = 1024  # pairs an artefact, at most lost by a killed run
 
 
 def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Priors, run: Run) -> Matches:
-    """Matches of the pairs that the settings name; of a long recording first those retrieved, then around its loops.
+    """Matches of the pairs by the settings; in a long recording first of retrieved pairs, then around its loops.
 
-    Where a pose prior is given, the pairs that it names take the place of all or of those retrieved.
+    With a pose prior, its pairs replace all pairs or the retrieved ones.
     """
     found = _compared(scans, settings, pose_prior, priors, run)
     if settings.edge_share == 0:
@@ -39,7 +39,7 @@ def match(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Pri
 
 
 def min_matches_for(matches: Matches, edge_share: float, scans: int) -> int:
-    """The T of the paper whose overlap graph has the share of all pairs that comes nearest to `edge_share`."""
+    """The T of the paper whose overlap graph has the share of all pairs nearest to `edge_share`."""
     counts = np.array([len(rows) for rows in matches.values()])
     candidates = np.unique(counts)
     if not len(candidates):
@@ -49,7 +49,7 @@ def min_matches_for(matches: Matches, edge_share: float, scans: int) -> int:
 
 
 def _compared(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors: Priors, run: Run) -> Matches:
-    """Matches of all pairs that the settings name and that have `min_matches`."""
+    """Matches of all pairs by the settings that have `min_matches`."""
     compare = comparer(scans, settings, run.workers)
 
     def matched(pairs: Sequence[Pair]) -> Matches:
@@ -67,7 +67,7 @@ def _compared(scans: ScanSet, settings: Matching, pose_prior: PosePrior, priors:
 
 
 def _by_chunk(pairs: Sequence[Pair], how: Any, run: Run, compare: Callable[[Sequence[Pair]], Matches]) -> Matches:
-    """Matches of all pairs, chunk by chunk from the store or made now."""
+    """Matches of all pairs, chunk by chunk from the cache or computed."""
     found: Matches = {}
     for begin in range(0, len(pairs), CHUNK):
         chunk = pairs[begin : begin + CHUNK]
@@ -80,7 +80,7 @@ def _by_chunk(pairs: Sequence[Pair], how: Any, run: Run, compare: Callable[[Sequ
 
 
 def match_arrays(matches: Matches) -> dict[str, NDArray[Any]]:
-    """Matches as `pairs` (m, 2), `rows` (k, 2) of all pairs one after the other, and where each pair's `ends` (m,)."""
+    """Matches as `pairs` (m, 2), `rows` (k, 2) of all pairs one after the other, and the `ends` (m,) of these rows."""
     rows = list(matches.values())
     return {
         "pairs": np.array(list(matches), np.int32).reshape(-1, 2),

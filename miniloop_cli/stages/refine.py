@@ -37,11 +37,11 @@ def refine(
     calibrate: Calibrate = "auto",
     read_depth: DepthReader | None = None,
 ) -> Refined:
-    """Poses of the largest component, refined from those given and the edges used in it; the others as they are.
+    """Poses of the largest component, refined from the given ones with the edges used in it; the others are unchanged.
 
-    `vertical`: what an accelerometer says of it; the poses come out level then, z up. `between`: of a whole
-    recording, whose keyframes the scans are; then the poses are those of all its frames. `calibrate`: whether the
-    recording is asked for its camera; `read_depth`: and for the depth camera beside it.
+    `vertical`: from an accelerometer; the poses are then level, z up. `between`: of a whole recording, whose keyframes
+    are the scans; then the poses are those of all its frames. `calibrate`: whether the camera is estimated;
+    `read_depth`: to estimate a separate depth camera as well.
     """
     depth_camera = scans.sequence.depth_camera
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
@@ -68,7 +68,7 @@ def refine(
         LOG.warning("calibrate: on needs refine: bundle; the camera stays as it was given")
 
     def make() -> Arrays:
-        # A run that finds refined poses in the store needs none of the libraries that make them.
+        # A run with refined poses in the cache does not import these libraries.
         from miniloop_cli.refinement.joint import refine_jointly
 
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between, calibrated)
@@ -115,7 +115,7 @@ def _columns(found: Calibration | None) -> Arrays:
 
 
 def _calibration(kept: Arrays, scans: Scans) -> Calibration | None:
-    """What `_columns` keeps, of the camera that was given; None where the recording was not asked, or could not say."""
+    """The calibration from `_columns`; None if calibration was not requested, or not possible."""
     if "theta" not in kept:
         return None
     theta, covariance, status = kept["theta"], kept["theta_covariance"], kept["theta_status"]

@@ -1,4 +1,4 @@
-"""What every stage is given beside its inputs: where finished work is kept, how work is spread, the seed."""
+"""The environment of every stage: the cache, the workers, the seed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from miniloop_cli.runtime.parallel import Workers
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the pipeline. Neither store nor workers change what it computes."""
+    """One run of the pipeline. Its results do not depend on store and workers."""
 
     store: Store
     workers: Workers

@@ -19,16 +19,16 @@ from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.typing import Floats32, Ints, Pair
 
-MOST_COMPARED = 10  # keyframes of all earlier recordings that each is compared with; as many again around matches
+MOST_COMPARED = 10  # keyframes of earlier recordings that each is compared with; as many again around matches
 REACH = 2  # keyframes around both ends of a pair that matches, which are compared as well
 
 
 def solve_between(parts: Sequence[MapPart], vectors: Floats32, settings: Settings, run: Run) -> dict[Pair, EdgeTable]:
     """Edges between the keyframes of the last recording and those of each earlier one, solved and judged.
 
-    vectors (K, d): by which keyframes that look alike are found. Compared are each keyframe of the last one with those
-    of all others that look most alike, then those around pairs that match. Kept are edges that were not rejected, with
-    their inliers only; by the numbers of the recordings, keyframes numbered within the two.
+    vectors (K, d) retrieve similar keyframes. Each keyframe of the last recording is compared with the most similar
+    ones of all others, then with those around pairs that match. Edges that are not rejected are kept, with their
+    inliers only; by the numbers of the recordings, with keyframes numbered within the two.
     """
     first = first_keyframes(parts)
     last, n, count = len(parts) - 1, int(first[-2]), int(first[-1])
@@ -42,7 +42,7 @@ def solve_between(parts: Sequence[MapPart], vectors: Floats32, settings: Setting
     pairs = [(int(np.searchsorted(chosen, i)), j - n + m) for i, j in sorted(alike)]
     matches = compare(pairs)
     matches |= compare(_around(matches, set(pairs), m, len(scans)))
-    # Every edge leads from one recording to the others, so that cycles have even lengths: odd ones are not looked for.
+    # Every edge joins the last recording to another one, so cycles have even lengths, and odd ones are not searched.
     even = settings.cycles.model_copy(update={"longest": settings.cycles.longest // 2 * 2})
     edges = solve_edges(matches, scans, settings.estimation._replace(cycles=even), run)
     edges = edges.subset(edges.open).inliers_only().rounded()
@@ -52,7 +52,7 @@ def solve_between(parts: Sequence[MapPart], vectors: Floats32, settings: Setting
 def _around(matches: Matches, known: Set[Pair], m: int, count: int) -> list[Pair]:
     """Pairs of scans (i, j), i < m <= j, next to those that match, sorted: at most MOST_COMPARED of each j on average.
 
-    Next to the most matches first: where everything looks at one place, a part of all pairs is enough.
+    Those next to the most matches come first: if everything shows one place, a part of all pairs suffices.
     """
     best = dict[Pair, int]()
     for pair, rows in matches.items():

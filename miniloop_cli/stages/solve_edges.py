@@ -1,4 +1,4 @@
-"""Stage: from matches to judged relative poses, by solving the cycles of the overlap graph, then shorter ones."""
+"""Stage: from matches to judged relative poses, by solving cycles of the overlap graph, then shorter ones."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Pair
 from miniloop_cli.verification.loop_support import Prediction, agree, pose_graph, predict
 
-MAX_CHECKED_MATCHES = 150  # a pair with more is hardly ever false and not checked for distances
+MAX_CHECKED_MATCHES = 150  # a pair with more is rarely false, and its distances are not checked
 
 
 def solve_edges(matches: Matches, scans: ScanSet, settings: Estimation, run: Run) -> EdgeTable:
-    """Every edge of the overlap graph, solved in cycles and judged; from the store, or made now."""
+    """Every edge of the overlap graph, solved in cycles and judged; from the cache, or computed."""
 
     def make() -> dict[str, np.ndarray]:
         return solve_cycles(matches, scans.points, settings, run.seed, run.workers).arrays()
@@ -45,11 +45,11 @@ def solve_cycles(
 ) -> EdgeTable:
     """Every edge of the overlap graph, judged.
 
-    The graph is decomposed into cycles of at most `cycles.longest` scans and each is solved jointly. Edges that are
-    not verified there are tried again in a loop over two verified edges; those without loops that agree are decomposed
-    again into shorter cycles, and in the end solved alone. Edges whose distances leave no room for enough inliers would
-    only spoil the cycles of others: they wait for loops over verified edges. Each cycle draws from its own generator,
-    seeded by its scans: the result does not depend on the order of work.
+    The graph is decomposed into cycles of at most `cycles.longest` scans, and each is solved jointly. Edges that are
+    not verified are solved again in a loop over two verified edges. Those without loops that agree are decomposed again
+    into shorter cycles, and finally solved alone. Edges whose distances allow too few inliers would spoil the cycles of
+    others, so they are only solved in loops over verified edges. Each cycle has its own generator, seeded by its scans,
+    so the result does not depend on the order of work.
     """
     solved: dict[Pair, Edge] = {}
     room = _room(matches, points, settings, workers)
@@ -84,7 +84,7 @@ def solve_cycles(
             for (pair, found), edges in zip(loops.items(), closed, strict=True):
                 edge = next(edge for edge in edges if edge.pair == pair)
                 keep(promote_by_loops(edge, found, settings.verification))
-            # What loops over verified edges do not confirm, shorter cycles and pairs would only find by chance.
+            # Edges that loops over verified edges do not confirm would pass shorter cycles and pairs by chance only.
             done |= _verified(solved) | {pair for pair, found in loops.items() if found.credible}
         left, waiting = ([pair for pair in pairs if pair not in done] for pairs in (left, waiting))
     return EdgeTable.of(list(solved.values()))
@@ -104,14 +104,14 @@ def _verified(solved: Mapping[Pair, Edge]) -> set[Pair]:
 
 
 def _verified_loops(pairs: Sequence[Pair], solved: Mapping[Pair, Edge]) -> dict[Pair, Prediction]:
-    """Of the pairs that have one, the loop over two verified edges through which they are tried again."""
+    """The loop over two verified edges in which each pair is solved again, for pairs that have one."""
     verified = (edge for edge in solved.values() if edge.verdict == Verdict.VERIFIED)
     graph = pose_graph((edge.i, edge.j, edge.T_j_i, edge.inlier_count) for edge in verified)
     return {pair: found for pair in pairs if (found := predict(graph, pair))}
 
 
 def _room(matches: Matches, points: Sequence[ScanPoints], settings: Estimation, workers: Workers) -> dict[Pair, float]:
-    """How many inliers each pair can have at all: bounds by sets of matches that agree in their distances.
+    """Upper bounds of the inliers of each pair, by sets of matches with consistent distances.
 
     One of 0 (no `min_weak_inliers`, as most pairs that do not overlap), `min_weak_inliers`, and infinity
     (`min_inliers` or more).

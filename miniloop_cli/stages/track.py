@@ -1,4 +1,4 @@
-"""Stage: points are followed through a recording whose frames follow each other closely."""
+"""Stage: points are tracked through a recording whose frames follow each other closely."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from miniloop_cli.tracking.frames import shows_something
 from miniloop_cli.tracking.front_end import track_part
 
 LOG = logging.getLogger("miniloop")
-PART = 96  # frames that are followed in one go: what a killed run has to do again at most
+PART = 96  # frames an artefact, at most lost by a killed run
 MIN_FRAMES = 150  # fewer are all matched with each other
 MAX_STEP_S = 0.12  # median time between frames
-PROBES, PROBE_LENGTH = 10, 4  # places where it is tried, and frames at each
-MIN_FOLLOWED_SHARE = 0.5  # of the frames there that show anything
+PROBES, PROBE_LENGTH = 10, 4  # places that are tried, and frames at each
+MIN_FOLLOWED_SHARE = 0.5  # of the frames there that are not blank
 How = tuple[Sequence, Depth, Tracking]
 
 
 def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tracked | None:
-    """All frames of a recording by the points that were followed through them; None where every frame is a scan.
+    """Tracking of all frames of a recording; None if every frame is a scan.
 
-    All: with the colour images that have no depth, as in `Sequence.with_color_only`.
+    The frames include colour images without depth, as in `Sequence.with_color_only`.
     """
     if len(sequence.frames) < 3 or settings.enabled is False:
         return None
@@ -46,14 +46,14 @@ def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tra
         found[part] = dict(arrays)
         run.store.save(TRACKED, keys[parts.index(part)], arrays)
     tracked = Tracked.of([TrackedPart.from_arrays(arrays) for arrays in found.values() if arrays is not None])
-    if len(tracked.keyframes) < 2:  # hardly a frame can be used: as scans, each is said to be so
+    if len(tracked.keyframes) < 2:  # nearly no frame is usable: as scans, each gets its reason
         return None
     LOG.info("%d frames follow each other closely: %d are keyframes", n, len(tracked.keyframes))
     return tracked
 
 
 def _ends(sequence: Sequence) -> list[int]:
-    """Frames at which the recording is cut into parts: both parts have the frame, so it must show something."""
+    """Frames at which the recording is cut into parts; both parts use the frame, so it must not be blank."""
     last = len(sequence.frames) - 1
     even = np.round(np.linspace(0, last, int(np.ceil(last / PART)) + 1)).astype(int).tolist()
     inner = [next((f for f in range(a, b) if shows_something(sequence, f)), a) for a, b in pairwise(even[1:])]
@@ -79,17 +79,17 @@ def _close(how: How, run: Run) -> bool:
 
 
 def track_arrays(how: How, part: tuple[int, int]) -> Arrays:
-    """What is kept of the frames of one part."""
+    """The arrays of one part for the cache."""
     return track_part(*how, *part).arrays()
 
 
 def _inputs(how: How, part: tuple[int, int]) -> Any:
-    """What the outcome for the frames first..last depends on."""
+    """All inputs of the result for the frames first..last."""
     sequence, depth, settings = how
     frames = sequence.frames[part[0] : part[1] + 1]
     files = [[source.fingerprint() for source in (f.color, f.depth, f.mask) if source] for f in frames]
     stamps_s = [frame.timestamp_s for frame in frames]
     cameras = (sequence.camera, [frame.camera for frame in frames])
-    chosen = settings.model_dump(exclude={"enabled"})  # who asked for it changes nothing
+    chosen = settings.model_dump(exclude={"enabled"})  # the result does not depend on it
     own = (sequence.depth_camera,) if sequence.depth_camera else ()
     return files, stamps_s, depth, chosen, cameras, sequence.depth_format, part, *own
