@@ -1,10 +1,10 @@
 """A preconditioner for graph Laplacians of any shape and weights: Gaussian elimination with sampled fill.
 
 Eliminating a scan v with neighbours of weights w_1 <= .. <= w_k (sum W) exactly would join each two of them by an
-edge w_a w_b / W: a clique, whence fill. Instead each neighbour a < k gets one edge, of weight w_a s_a / W with
-s_a = w_{a+1} + .. + w_k, to a neighbour b > a drawn with probability w_b / s_a: right on average, a tree in place of
-the clique, so that edges never become more.
-Gao, Kyng & Spielman, "Robust and practical solution of Laplacian equations by approximate elimination", 2023.
+edge w_a w_b / W: a clique, which causes fill. Instead each neighbour a < k gets one edge, of weight w_a s_a / W with
+s_a = w_{a+1} + .. + w_k, to a neighbour b > a drawn with probability w_b / s_a. This tree equals the clique in the
+mean, and the number of edges never grows. Gao, Kyng & Spielman, "Robust and practical solution of Laplacian equations
+by approximate elimination", 2023.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Rows are scans, not places in the order: those that follow each other in time li
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _take(v: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
-    """Scan v out of its bucket."""
+    """Remove scan v from its bucket."""
     if before[v] >= 0:
         after[before[v]] = after[v]
     else:
@@ -34,7 +34,7 @@ def _take(v: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: Ints) -> None:
-    """Scan v in front of bucket `degree`."""
+    """Insert scan v at the front of bucket `degree`."""
     bucket[v] = degree
     before[v], after[v] = -1, first[degree]
     if first[degree] >= 0:
@@ -46,7 +46,7 @@ def _put(v: int, degree: int, first: Ints, after: Ints, before: Ints, bucket: In
 def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Factor:
     """Approximate L D L' of the Laplacian of pairs (m, 2), weights (m,) > 0, few edges first; D = 0 for the last scan.
 
-    `uniform`: random numbers in [0, 1), taken in turn, again from the first when they run out.
+    `uniform`: random numbers in [0, 1), used in turn and cyclically.
     """
     m = len(pairs)
     # Half-edge 2e lies in the list of pairs[e, 0] and leads to pairs[e, 1]; 2e + 1 the other way. -1: gone.
@@ -147,7 +147,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
                 _put(u, d, first, after, before, bucket)
                 lowest = min(lowest, d)
     total = start[count]
-    # A preconditioner needs few digits, and is read from memory again in every iteration.
+    # A preconditioner needs few digits, and single precision halves the memory traffic of each iteration.
     return order, start, row[:total].astype(np.int32), entry[:total].astype(np.float32), D
 
 

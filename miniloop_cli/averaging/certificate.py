@@ -1,10 +1,10 @@
-"""A certificate that a minimum of the pose graph is the global one, by its dual; a way to a lower one if it is not.
+"""A certificate, by the dual problem, that a minimum of the pose graph is global; a descent direction if it is not.
 
 With Lagrange's multipliers of the rotations, sum of tr Lambda_i = f, the matrix S = Q - blockdiag(Lambda_i), the
 translations eliminated, bounds every other arrangement R': f(R') = f(R) + tr(R' S R'^T) >= f(R) + 3n lambda_min(S).
-This holds whether or not the descent has converged (Rosen et al., "SE-Sync", IJRR 2019; for rotations alone Eriksson,
+This holds also if the descent has not converged (Rosen et al., "SE-Sync", IJRR 2019; for rotations alone Eriksson,
 Olsson, Kahl & Chin, CVPR 2018). Whether S + eta I has a negative eigenvalue is read from the signs of the pivots of its
-factor: iterative solvers near zero find the exact zeros of the free origin, and miss what is clearly negative.
+factor, as iterative eigenvalue solvers converge to the exact zeros of the free origin instead of negative values.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from miniloop_cli.averaging.stiefel import best_translations, cost, minimise, mu
 from miniloop_cli.geometry import se3
 from miniloop_cli.typing import Floats
 
-GAPS = (1e-6, 1e-5, 1e-4)  # bounds on (f - f*) / f that are tried; a minimum is certified by any of them
-ROUNDING = 1e-14  # of the largest diagonal entry of Q: smaller shifts drown in the factor's rounding
+GAPS = (1e-6, 1e-5, 1e-4)  # bounds on (f - f*) / f that are tried; any of them certifies a minimum
+ROUNDING = 1e-14  # of the largest diagonal entry of Q: smaller shifts are below the rounding of the factor
 EXACT = 1e-8  # f per weight of rotation (rad^2 twice) below which edges fit exactly, to thousandths of a degree
-LENGTHS = 2.0 ** -np.arange(12)  # lengths along a way out that are tried
+LENGTHS = 2.0 ** -np.arange(12)  # step lengths along `way_out` that are tried
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Bound:
 
     @property
     def certified(self) -> bool:
-        """Whether no arrangement can be better by what matters."""
+        """Whether no other poses can fit significantly better."""
         return self.gap <= GAPS[-1]
 
 
 def bound(form: QuadraticForm, Y: Floats) -> Bound:
-    """How much better than Y (n, 4, r) any other arrangement of the same edges and weights can be."""
+    """The bound on the cost of all other poses, for the same edges and weights, relative to Y (n, 4, r)."""
     Y = best_translations(form, Y)
     f, n = cost(form, Y), form.count
     if f <= EXACT * form.kappa_sum:
@@ -88,12 +88,12 @@ def _lowest(form: QuadraticForm, of_rotations: Floats, shift: float) -> tuple[fl
 
 
 def escaped(form: QuadraticForm, Y: Floats, way_out: Floats) -> Floats:
-    """The minimum (n, 4, 3) that is reached from the minimum Y by way of four and five dimensions.
+    """The minimum (n, 4, 3) reached from the minimum Y through four and five dimensions.
 
-    Steps of the Riemannian staircase (Boumal 2015): with one dimension more Y is no minimum, and `way_out` leads down.
-    Four do not suffice: a ring with one turn too many can be unwound no more than in three (the frames of three vectors
-    in four dimensions are the rotations of these, and have loops that cannot be contracted), in five it can.
-    What that descent ends in is turned so that most of it lies in three dimensions, and descends there.
+    Steps of the Riemannian staircase (Boumal 2015): with one more dimension, Y is not a minimum, and `way_out` leads
+    down. Four do not suffice: a ring with one turn too many cannot be unwound in four dimensions, as the frames of
+    three vectors there are rotations with loops that cannot be contracted; in five it can. The result is rotated so
+    that most of it lies in three dimensions, and descends there.
     """
     lower = _descended(form, Y, way_out)
     again = bound(form, lower)

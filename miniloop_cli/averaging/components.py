@@ -1,4 +1,4 @@
-"""One pose a scan from the edges between them: rotations averaged, then translations, one world a component."""
+"""One pose a scan from the edges: averaged rotations, then translations, with one world for each component."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from miniloop_cli.typing import Floats, Ints
 
 
 def average_components(edges: EdgeTable, count: int, settings: Averaging) -> Poses:
-    """Poses of the `count` scans, component by component, from edges that are all believed."""
+    """Poses of the `count` scans, component by component, from accepted edges."""
     T, label = np.tile(np.eye(4), (count, 1, 1)), components(count, edges.pairs)
-    component = np.where(np.bincount(label)[label] > 1, label, -1)  # lone scans come last
+    component = np.where(np.bincount(label)[label] > 1, label, -1)  # single scans come last
     for number in range(component.max(initial=-1) + 1):
         scans = np.flatnonzero(component == number)
         T[scans] = _average_component(edges.subset(component[edges.i] == number), scans, settings)
@@ -45,7 +45,7 @@ def _average_component(edges: EdgeTable, scans: Ints, settings: Averaging) -> Fl
 
 
 def _translations_given_rotations(edges: EdgeTable, R_world_cam: Floats, pairs: Ints) -> tuple[Floats, Floats]:
-    """The translations that satisfy an edge's correspondences best once its rotation is the averaged one.
+    """The translations that fit an edge's correspondences best for its averaged rotation.
 
     With w the rotation that averaging added, the information matrix gives v = -H_vv^-1 H_vw w: with equal isotropic
     noise this is the paper's least squares, t = mean(q) - R mean(p). Returns t (m, 3) and weights (m,) 1/m^2.

@@ -1,4 +1,4 @@
-"""Where rotation averaging starts: robustly by votes, or plainly along a spanning tree."""
+"""The start of rotation averaging: robust by votes, or along a spanning tree."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def trust(weights: Floats) -> Floats:
 def voted_start(count: int, pairs: Ints, T_j_i: Floats, votes: Floats, near: tuple[float, float]) -> Floats:
     """Poses (n, 7) that most edges of every scan agree with; hierarchical. Rows and `near` as in voting.py.
 
-    Clusters grow from scan to scan as long as the votes are sure. Then the clusters are the scans of a smaller graph,
-    in which all the edges between two clusters vote together, and so on. Where nothing is sure (random graphs have no
-    short loops), scans are placed on what there is, and votes among all placed scans put the wrong ones right.
+    Clusters grow from scan to scan while the votes are sure. Then the clusters are the scans of a smaller graph, in
+    which all edges between two clusters vote together, and so on. If no votes are sure (random graphs have no short
+    loops), scans are placed by the available edges, and votes among all placed scans then correct wrong ones.
     `votes` (m,) of the edges, about 1 for an ordinary one; the graph is connected.
     """
     rows = adjacency(count, pairs)
@@ -55,9 +55,9 @@ def tree_start(count: int, pairs: Ints, q_j_i: Floats, weights: Floats) -> Float
 
     by_weight = np.argsort(-weights, kind="stable")
     code = np.sort(pairs, axis=1) @ [count, 1]
-    rank = np.sort(np.unique(code[by_weight], return_index=True)[1])  # of several edges of a pair the heaviest
+    rank = np.sort(np.unique(code[by_weight], return_index=True)[1])  # the heaviest of several edges of a pair
     i, j = pairs[by_weight[rank]].T
-    ends = (i.astype(np.int32), j.astype(np.int32))  # scipy 1.15 knows no others here
+    ends = (i.astype(np.int32), j.astype(np.int32))  # scipy 1.15 supports no other type here
     tree = minimum_spanning_tree(coo_array((rank + 1.0, ends), shape=(count, count)).tocsr()).tocoo()
     edge = by_weight[tree.data.astype(np.int64) - 1]
     i, j = pairs.T

@@ -1,6 +1,6 @@
-"""Weighted least squares over differences on a graph: the one linear problem of motion averaging.
+"""Weighted least squares over differences on a graph: the linear problem of motion averaging.
 
-Rotations (in the tangent space) and translations both ask for vectors x with x_i - x_j = d_ij on every edge (i, j).
+Rotations (in the tangent space) and translations both require vectors x with x_i - x_j = d_ij on every edge (i, j).
 The normal equations are L x = A' W d with the graph's Laplacian L = A' W A, the same for the three coordinates.
 The gauge: x of the first scan is zero.
 """
@@ -30,7 +30,7 @@ WEIGHT_RANGE = 1e10
 
 
 def spread(x: Floats) -> float:
-    """Root mean square of the rows of x (n, 3) about their mean: the size of an increment whatever the gauge."""
+    """Root mean square of the rows of x (n, 3) about their mean: the size of an increment, independent of the gauge."""
     return float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
 
 
@@ -41,7 +41,7 @@ class Differences:
         self.count, self.pairs = count, pairs
         if count > DENSE_SCANS:
             self.start, neighbour, edge = adjacency(count, pairs)
-            self.neighbour, self.edge = neighbour.astype(np.int32), edge.astype(np.int32)  # half the memory to read
+            self.neighbour, self.edge = neighbour.astype(np.int32), edge.astype(np.int32)  # half the memory traffic
             self.factor: Factor | None = None
             self.uniform = np.random.default_rng(0).random(99991)
 
@@ -71,7 +71,7 @@ class Differences:
         return x
 
     def _cg(self, weights: Floats, degree: Floats, b: Floats, tolerance: float) -> Floats:
-        """Preconditioned by the factor of earlier weights as long as that does, by one of these where it does not."""
+        """Preconditioned by the factor of earlier weights while that suffices, else by a new one."""
         if self.factor is not None:
             x, steps = self._iterated(self.factor, weights, degree, b, tolerance, STALE_STEPS)
             if steps < STALE_STEPS:
@@ -103,7 +103,7 @@ def conjugate_gradients(
     tolerance: float,
     most: int,
 ) -> tuple[Floats, int]:
-    """x (n, 3) with Laplacian x = b, each column on its own, preconditioned by the factor (order .. D); the steps."""
+    """x (n, 3) with Laplacian x = b, column by column, preconditioned by the factor (order .. D); number of steps."""
     n = len(b)
     x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3))
     p, Lp = np.zeros((n, 3)), np.empty((n, 3))

@@ -19,16 +19,16 @@ from miniloop_cli.typing import Floats, Ints
 
 LOG = logging.getLogger("miniloop")
 MOST_SCANS = 20_000  # of a component
-MOST_WORK = 3e8  # multiplications of a factor with one row a scan: those here, of four rows, take ten seconds then
-LOWER = 0.999  # of the cost: another minimum is a better one
+MOST_WORK = 3e8  # multiplications of a factor with one row a scan; with four rows it takes ten seconds
+LOWER = 0.999  # of the cost: another minimum is better if it is below
 
 
 def prove_optimum(poses: Poses, edges: EdgeTable, settings: Averaging) -> tuple[Poses, Certificate]:
-    """The poses, and what is proven of the arrangement that they begin.
+    """The poses, and the certificate of the minimum that they belong to.
 
     The cost is that of the edges used in a component, with the weights that averaging's robust kernels give them at its
-    poses, isotropic for each edge (see EdgeWeights). The poses stay as they are, unless a better minimum than the one
-    they lie in is found: then they are those of that minimum.
+    poses, isotropic for each edge (see EdgeWeights). The poses are unchanged unless a better minimum than theirs is
+    found; then they are those of that minimum.
     """
     used = usable_edges(edges, len(poses.component)) & (poses.component[edges.i] >= 0)
     T, optimum, bounds, left = poses.T_world_cam.copy(), poses.T_world_cam.copy(), [], False
@@ -61,7 +61,7 @@ class _Component:
         self.isotropic = EdgeWeights.of(T_j_i, information)
 
     def proven(self, T_world_cam: Floats) -> tuple[Floats | None, Floats, Bound]:
-        """Poses (n, 4, 4) of a better minimum, None where there is none; those of the best one; and its bound."""
+        """Poses (n, 4, 4) of a better minimum or None; those of the best one; and its bound."""
         form, Y, found = self._lowest_from(T_world_cam)
         begun = None
         if found.way_out is not None:

@@ -1,10 +1,10 @@
-"""The pose graph as one quadratic form, which is what a proof of its optimum rests on.
+"""The pose graph as one quadratic form, for the proof of its optimum.
 
 With Y_i = [R_i t_i] (3, 4) and relative poses T_j_i (4, 4) the cost of all edges is
   f(Y) = sum_e tr((Y_i - Y_j T_j_i) W_e (Y_i - Y_j T_j_i)') = tr(Y Q Y'),   W_e = kappa_e diag(1, 1, 1, 0) + tau_e c c',
-rotations compared with each other, and the places of one point c = (c_i, 1) of scan i: the middle of the edge's
-matches, where errors of rotation and translation hardly depend on each other. Q is sparse, and the translations can be
-eliminated exactly (Rosen, Carlone, Bandeira & Leonard, "SE-Sync", IJRR 2019, whose c is the camera's centre).
+which compares rotations, and the positions of one point c = (c_i, 1) of scan i: the middle of the edge's matches, where
+errors of rotation and translation are nearly independent. Q is sparse, and the translations can be eliminated exactly
+(Rosen, Carlone, Bandeira & Leonard, "SE-Sync", IJRR 2019, where c is the camera's centre).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.scene.view_graph import elimination_order
 from miniloop_cli.typing import Floats, Ints
 
-WEIGHT_RANGE = 1e8  # weights below the largest by more are raised to this, or the equations would lose their digits
+WEIGHT_RANGE = 1e8  # weights smaller than the largest by more are raised, as the equations would lose digits
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class EdgeWeights:
 
     @staticmethod
     def of(T_j_i: Floats, information: Floats) -> EdgeWeights:
-        """The weights with the trace of the covariances that information matrices (m, 6, 6), as in Edge, promise.
+        """The weights with the traces of the covariances of the information matrices (m, 6, 6), as in Edge.
 
-        [exp(w) | v] T_j_i moves a point c_j by v - c_j x w; at the middle of the matches this says nothing of w.
+        [exp(w) | v] T_j_i moves a point c_j by v - c_j x w; at the middle of the matches this is independent of w.
         """
         H = information
         lever = np.linalg.pinv(H[:, 3:, 3:], hermitian=True) @ H[:, 3:, :3]  # v = -lever w, of the best v for a given w
@@ -47,7 +47,7 @@ class EdgeWeights:
         return EdgeWeights(_trace_equivalent(of_rotation) / 2, _trace_equivalent(H[:, 3:, 3:]), c_i)
 
     def times(self, rotation: Floats, translation: Floats) -> EdgeWeights:
-        """Weights (m,) on top, as a robust kernel gives them."""
+        """The weights times further weights (m,), as of a robust kernel."""
         return EdgeWeights(_bounded(self.kappa * rotation), _bounded(self.tau * translation), self.c_i)
 
 
@@ -116,7 +116,7 @@ class QuadraticForm:
     def factor(self, multipliers: Floats | None = None, shift: float = 0.0) -> Factor:
         """Factor of Q - blockdiag(multipliers) + shift on the rotations; multipliers (n, 3, 3).
 
-        A weight on the first translation holds the origin, which costs nothing of f: it is free.
+        A weight on the first translation fixes the origin, which does not change f.
         """
         from scipy.sparse import coo_array
         from scipy.sparse.linalg import splu
@@ -134,7 +134,7 @@ class QuadraticForm:
 
 @dataclass(frozen=True)
 class Factor:
-    """L U of a symmetric matrix, its pivots taken from the diagonal: their signs are those of the eigenvalues."""
+    """L U of a symmetric matrix with diagonal pivots, whose signs are those of the eigenvalues."""
 
     lu: Any
 

@@ -2,7 +2,7 @@
 
 Chatterjee & Govindu, "Efficient and robust large-scale rotation averaging", ICCV 2013. Both stages repeat one step:
 residuals of the edges in the tangent space, a sparse weighted least squares for the increments, the increments applied
-on the group. L1 is had by the weights 1 / |r|, IRLS by those of the Geman-McClure function.
+on the group. L1 uses the weights 1 / |r|, IRLS those of the Geman-McClure function.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from miniloop_cli.typing import Floats, Ints
 
 @dataclass(frozen=True)
 class RotationAverage:
-    """Rotations of all scans, the first the identity, and what the edges say to them.
+    """Rotations of all scans, the first the identity, and residuals of the edges.
 
     `R_world_cam` (n, 3, 3); `residual_deg` (m,) angle between each edge and the result; `iterations`: linear solves;
     `converged`: the last increment was below the tolerance.
@@ -51,12 +51,13 @@ def average_rotations(
     """Rotations R_world_cam that agree with the relative rotations R_j_i = R_world_j' R_world_i, robustly.
 
     `count` scans; `pairs` (m, 2) rows (i, j); `R_j_i` (m, 3, 3); `weights` (m,) inliers or information of the edges, or
-    None: all alike. Edges of weight 0 are left out.
-    `start`: "votes" (robust, with loops checked) or "tree" (with no weights the plain variant, as in the paper).
-    `scale_deg`: Geman-McClure's scale; residuals well above it count for nothing. `tolerance_deg`: the root mean
-    square of the increments that ends the iterations.
+    None: all equal. Edges of weight 0 are ignored.
+    `start`: "votes" (robust, with checked loops) or "tree" (without weights the plain variant, as in the paper).
+    `scale_deg`: Geman-McClure's scale; residuals well above it have nearly no weight. `tolerance_deg`: root mean square
+    of the increments at which the iterations end.
 
-    Raises GraphError where the edges of positive weight do not connect all scans, or an argument is no graph.
+    Raises ConfigError for an unknown start, GraphError for impossible edges, and if those of positive weight do not
+    connect all scans.
     """
     pairs = checked_pairs(count, pairs)
     weights = checked_weights(weights, len(pairs))
@@ -65,7 +66,7 @@ def average_rotations(
     require_connected(count, pairs[used])
     edges, q_j_i, w = pairs[used], q_all[used], weights[used]
     if start not in ("votes", "tree"):
-        raise ConfigError(f"averaging starts by 'votes' or along a 'tree', not by {start!r}")
+        raise ConfigError(f"averaging starts from 'votes' or from a 'tree', not from {start!r}")
     if count < 2:
         return _result(np.eye(1, 4), pairs, q_all, True, 0)
 
@@ -79,8 +80,8 @@ def average_rotations(
     system = Differences(count, edges)
     step, iterations = np.inf, 0
     for k in range(l1_iterations):
-        # 1 / |r|, smoothed at first: a tree's edges have no residual, and infinite weights would keep it so. After the
-        # votes, residuals of 20 scales and more are no drift, for L1 to spread over the loops, but false edges.
+        # 1 / |r|, smoothed at first: the edges of a tree have residual zero and would get infinite weights. After the
+        # votes, residuals of 20 scales and more are false edges, not drift that L1 should spread over the loops.
         r = kernels.residuals(q, edges, q_j_i)
         r2 = (r * r).sum(1) / scale**2
         step = _advance(q, system, w / np.sqrt(r2 + max(2 / 2**k, 1 / 8) ** 2) / (1 + r2 / false_beyond**2), r)
@@ -111,7 +112,7 @@ def _quaternions(R_j_i: ArrayLike, edges: int) -> Floats:
         e = int(np.flatnonzero(~np.isfinite(R_j_i).all((1, 2)))[0])
         raise GraphError(f"the rotation of edge {e} is not finite")
     if len(reflected := np.flatnonzero(np.linalg.det(R_j_i) <= 0)):
-        raise GraphError(f"the matrix of edge {reflected[0]} is no rotation: its determinant is not positive")
+        raise GraphError(f"the matrix of edge {reflected[0]} is not a rotation: its determinant is not positive")
     return np.ascontiguousarray(quaternions(R_j_i, w_first=True))
 
 

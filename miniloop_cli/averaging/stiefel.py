@@ -1,6 +1,6 @@
 """Minimising the pose graph's quadratic form over rotations and translations, in three dimensions or more.
 
-Y_i = [R_i t_i] (r, 4) with R_i' R_i = I: rotations for r = 3, and for r = 4 what they are relaxed to. A Riemannian
+Y_i = [R_i t_i] (r, 4) with R_i' R_i = I: rotations for r = 3, and their relaxation for r = 4. A Riemannian
 trust region with truncated conjugate gradients (Absil, Baker & Gallivan 2007), preconditioned by a factor of the form.
 """
 
@@ -14,12 +14,12 @@ from miniloop_cli.averaging.quadratic_form import Factor, QuadraticForm
 from miniloop_cli.typing import Floats
 
 MAX_STEPS, MAX_CG_STEPS = 60, 300
-DECREASE = 1e-11  # of the cost: what a step may gain at most when nothing is left to gain
-SHIFT = 1e-4  # of the mean diagonal, that makes the form definite for the preconditioner
+DECREASE = 1e-11  # of the cost: a step that gains less is the last
+SHIFT = 1e-4  # of the mean diagonal; makes the form definite for the preconditioner
 
 
 def multipliers(form: QuadraticForm, Y: Floats) -> Floats:
-    """Lagrange's multipliers (n, 3, 3) of R_i' R_i = I, symmetric; their traces add up to the cost at the best t."""
+    """Lagrange's multipliers (n, 3, 3) of R_i' R_i = I, symmetric; their traces sum to the cost at the best t."""
     A = form.times(Y)[:, :3] @ np.swapaxes(Y[:, :3], 1, 2)
     return (A + np.swapaxes(A, 1, 2)) / 2
 
@@ -30,7 +30,7 @@ def cost(form: QuadraticForm, Y: Floats) -> float:
 
 
 def tangent(Y: Floats, Z: Floats) -> Floats:
-    """The part of Z (n, 4, r) along which Y may move."""
+    """The projection of Z (n, 4, r) to the tangent space at Y."""
     A = Z[:, :3] @ np.swapaxes(Y[:, :3], 1, 2)
     out = Z.copy()
     out[:, :3] -= (A + np.swapaxes(A, 1, 2)) / 2 @ Y[:, :3]
@@ -46,7 +46,7 @@ def retract(Y: Floats, X: Floats) -> Floats:
 
 
 def best_translations(form: QuadraticForm, Y: Floats) -> Floats:
-    """Y (n, 4, r) with the translations that suit its rotations best, that of the first place zero."""
+    """Y (n, 4, r) with the best translations for its rotations; the first one is zero."""
     from scipy.sparse.linalg import splu
 
     out = Y.copy()
@@ -60,7 +60,7 @@ def best_translations(form: QuadraticForm, Y: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the descent ended: Y (n, 4, r), its cost, the steps."""
+    """The end of the descent: Y (n, 4, r), its cost, the number of steps."""
 
     Y: Floats
     cost: float
@@ -68,7 +68,7 @@ class Minimum:
 
 
 def minimise(form: QuadraticForm, Y: Floats) -> Minimum:
-    """The minimum that descending from Y (n, 4, r) ends in."""
+    """The minimum reached by descent from Y (n, 4, r)."""
     diagonal = form.Q.diagonal().reshape(-1, 4)[:, :3]
     precondition = form.factor(shift=SHIFT * float(diagonal.mean()))
     f, radius = cost(form, Y), np.sqrt(len(Y))
@@ -93,7 +93,7 @@ def minimise(form: QuadraticForm, Y: Floats) -> Minimum:
 def _step(
     form: QuadraticForm, Y: Floats, multiplier: Floats, gradient: Floats, radius: float, precondition: Factor
 ) -> tuple[Floats, float]:
-    """A step X within the trust region (of rotations), and the decrease of f that the quadratic model promises."""
+    """A step X within the trust region (of rotations), and the decrease of f predicted by the quadratic model."""
 
     def hessian(X: Floats) -> Floats:
         out = form.times(X)
@@ -124,7 +124,7 @@ def _step(
 
 
 def _to_boundary(X: Floats, p: Floats, radius: float) -> float:
-    """How far along p the rotations of X + alpha p reach the radius."""
+    """The alpha at which the rotations of X + alpha p reach the radius."""
     a, b = float((p[:, :3] ** 2).sum()), float((X[:, :3] * p[:, :3]).sum())
     c = float((X[:, :3] ** 2).sum()) - radius**2
     return (-b + np.sqrt(max(b * b - a * c, 0.0))) / max(a, 1e-300)

@@ -15,10 +15,10 @@ from miniloop_cli.typing import Floats
 
 @dataclass(frozen=True)
 class TranslationAverage:
-    """Translations of all scans, the first zero, and what the edges say to them.
+    """Translations of all scans, the first zero, and residuals of the edges.
 
     `t_world_cam` (n, 3) m; `residual_m` (m,) distance between each edge and the result; `iterations`: linear solves;
-    `converged`: the increments had become small against the scale.
+    `converged`: the last increments were small against the scale.
     """
 
     t_world_cam: Floats
@@ -40,12 +40,12 @@ def average_translations(
     """Translations t_world_cam that agree with t_j_i = R_j' (t_i - t_j), R_i = R_world_cam[i].
 
     `R_world_cam` (n, 3, 3); `pairs` (m, 2) rows (i, j); `t_j_i` (m, 3) m; `weights` (m,) 1 / sigma^2 or inliers, or
-    None: all alike. Edges of weight 0 are left out.
+    None: all equal. Edges of weight 0 are ignored.
     `robust=False`: one least squares (the paper: with R_j' times the mean of R_j q - R_i p over an edge's matches p, q
     as t_j_i and their number as weight, it satisfies the 3D correspondences best). Otherwise a start by votes, then up
     to `reweights` least squares with Cauchy's weights 1 / (1 + (residual / scale_m)^2).
 
-    Raises GraphError where the edges of positive weight do not connect all scans, or an argument is no graph.
+    Raises GraphError for impossible edges, and if those of positive weight do not connect all scans.
     """
     R_world_cam = np.asarray(R_world_cam, dtype=np.float64).reshape(-1, 3, 3)
     count = len(R_world_cam)

@@ -1,11 +1,12 @@
 """A robust start for averaging: scans are placed one after another, each where most of its edges agree.
 
-A spanning tree believes one edge a scan, and one false edge turns all that hangs below it. Here the edges to the scans
-already placed each propose a pose; proposals close to each other support each other, and the scan with the best
-supported proposal is placed next, at the mean of the agreeing ones. Later votes, with all scans placed, correct those
-that had to be placed on a single false edge.
+A spanning tree uses one edge a scan, and one false edge moves the whole subtree. Here each edge to a placed scan
+proposes a pose, and similar proposals support each other. The scan with the best supported proposal is placed next, at
+the mean of the agreeing ones. Later votes, with all scans placed, correct scans that were placed by a single false
+edge.
 
-Poses are rows (7,) as in rows.py; `near` = (cosine of half an angle, squared distance) says which poses agree.
+Poses are rows (7,) as in geometry/pose_rows.py; `near` = (cosine of half an angle, squared distance) bounds the
+difference of agreeing poses.
 Rotations alone: translations zero. Translations alone, in the world frame: rotations the identity.
 """
 
@@ -63,7 +64,7 @@ def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
-    """The free scan that waits longest in the highest level of queue (levels, n); -1: none."""
+    """The free scan that is longest in the highest level of queue (levels, n); -1: none."""
     for k in range(LEVELS - 1, -1, -1):
         while head[k] < tail[k]:
             v = queue[k, head[k]]
@@ -148,10 +149,10 @@ def grow(
 def loop_votes(
     pairs: Ints, T_j_i: Floats, trust: Floats, start: Ints, neighbour: Ints, edge: Ints, near: Near
 ) -> Floats:
-    """Trust (m,) of every edge, times what its triangles say: those that close, and those that do not.
+    """Trust (m,) of every edge, times a factor from its closed and open triangles.
 
-    1/2 in no triangle, towards 1 with every one that closes, slowly towards 0 with those that do not, as either of
-    their other edges may be the false one.
+    The factor is 1/2 without triangles. It approaches 1 with each closed triangle, and slowly 0 with open ones, as
+    another of their edges may be the false one.
     """
     out = np.empty(len(pairs))
     for e in range(len(pairs)):
@@ -202,7 +203,7 @@ def vote_again(
     near: Near,
     voters: int,
 ) -> int:
-    """Move each scan of order (k,) to where most of its edges agree, in place; returns how many scans moved."""
+    """Move each scan of order (k,) to the pose that most of its edges agree on, in place; returns the number moved."""
     proposal, vote, support = np.empty((voters, 7)), np.empty(voters), np.empty(voters)
     moved = 0
     for v in order:

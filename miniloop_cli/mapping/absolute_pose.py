@@ -1,4 +1,4 @@
-"""The pose of an image from points of the map that it shows: robustly found, then refined with all uncertainties."""
+"""The pose of an image from points of the map: a robust search, then a refinement with all uncertainties."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from miniloop_cli.refinement.jackknife import image_part, remaining_fraction
 from miniloop_cli.typing import Bools, Floats, Ints
 
 ITERATIONS = 2000
-MAX_CHI2 = 11.3  # of an inlier: 99 % of pixels (2 degrees of freedom) with their points' uncertainty lie within 9.2
+MAX_CHI2 = 11.3  # of an inlier; 99 % of pixels (2 degrees of freedom) are within 9.2
 SCALE = 2.0  # of the Cauchy kernel, in sigmas
-STEPS, SMALL = 15, 1e-5  # steps at most; one of less than so many rad and m is the last
+STEPS, SMALL = 15, 1e-5  # largest number of steps; one of less than so many rad and m is the last
 NEAR_M = 0.05
 LEAST = 4  # points that a pose needs
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """Points of the map where an image shows them, k of them.
+    """Observations of points of the map in an image, k of them.
 
-    px_ideal (k, 2) undistorted pixels; z_m (k,) depth that the image measured there, NaN without; points_m (k, 3) and
+    px_ideal (k, 2) undistorted pixels; z_m (k,) measured depth of the image, NaN without; points_m (k, 3) and
     covariances_m2 (k, 3, 3) in the world.
     """
 
@@ -36,15 +36,15 @@ class Sightings:
         return len(self.points_m)
 
     def subset(self, rows: Floats | Bools) -> Sightings:
-        """These (indices or a mask)."""
+        """The observations of rows (indices or a mask)."""
         return Sightings(self.px_ideal[rows], self.z_m[rows], self.points_m[rows], self.covariances_m2[rows])
 
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """T_world_cam (4, 4), its covariance (6, 6) of (w, v) in T_world_cam [exp(w) | v], and which sightings agree.
+    """T_world_cam (4, 4), its covariance (6, 6) of (w, v) in T_world_cam [exp(w) | v], and which observations agree.
 
-    focal: factor on the camera's focal lengths; 1 unless it was estimated. chi2 (k,): of each sighting's pixel.
+    focal: factor on the camera's focal lengths; 1 unless it was estimated. chi2 (k,): of the observations' pixels.
     """
 
     T_world_cam: Floats
@@ -55,9 +55,9 @@ class PoseEstimate:
 
 
 def robust_pose(seen: Sightings, camera: Camera, threshold_px: float) -> tuple[Floats, Bools] | None:
-    """T_world_cam (4, 4) by RANSAC over minimal samples, and its inliers (k,); None where none is found.
+    """T_world_cam (4, 4) by RANSAC over minimal samples, and its inliers (k,); None if none is found.
 
-    LO-RANSAC over P3P samples by poselib, where it is installed, else OpenCV's RANSAC over AP3P samples.
+    LO-RANSAC over P3P samples by poselib, if it is installed, else OpenCV's RANSAC over AP3P samples.
     """
     if len(seen) < LEAST:
         return None
@@ -77,15 +77,15 @@ def robust_pose(seen: Sightings, camera: Camera, threshold_px: float) -> tuple[F
 def refined_pose(
     T_world_cam: Floats, seen: Sightings, camera: Camera, sigma_px: float = 1.0, with_focal: bool = False
 ) -> PoseEstimate:
-    """The pose (4, 4) that fits all sightings best, under a Cauchy kernel each.
+    """The pose (4, 4) that fits all observations best, each under a Cauchy kernel.
 
-    A pixel is weighted by its own noise and by its point's covariance as seen from there; a depth by twice the sensor's
-    noise and the point's. The factor on the focal length is estimated with the pose if asked for. Reweighted
+    A pixel is weighted by its own noise and by the projected covariance of its point; a depth by twice the sensor's
+    noise and that of the point. `with_focal`: a factor on the focal length is estimated as well. Reweighted
     Gauss-Newton, at most STEPS steps.
 
-    Variances are those of the grouped jackknife over parts of the image, by one Newton step without each, where this
-    exceeds what the residuals promise: a rolling shutter bends the parts of an image apart (refinement/jackknife.py).
-    Correlations are those of the inverse Hessian.
+    Variances are those of the grouped jackknife over parts of the image, by one Newton step without each part, if they
+    exceed those of the residuals, as a rolling shutter deforms the image (refinement/jackknife.py). Correlations are
+    those of the inverse Hessian.
     """
     size = 7 if with_focal else 6
     log_focal, T = 0.0, T_world_cam
@@ -106,7 +106,7 @@ def refined_pose(
 
 
 def _covariance(H_k: Floats, g_k: Floats, excess: float, part: Ints) -> Floats:
-    """(s, s) from the normal equations of each sighting (k, s, s), (k, s) at the minimum; part (k,) of the image."""
+    """(s, s) from the normal equations of each observation (k, s, s), (k, s) at the minimum; part (k,) of the image."""
     tie = 1e-9 * np.eye(g_k.shape[1])
     inverse = np.linalg.inv(H_k.sum(axis=0) + tie)
     variance = np.zeros(g_k.shape[1])
@@ -122,7 +122,7 @@ def _covariance(H_k: Floats, g_k: Floats, excess: float, part: Ints) -> Floats:
 def _equations(
     T_world_cam: Floats, focal: float, seen: Sightings, camera: Camera, sigma_px: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Normal equations of each sighting under its kernel, (k, 7, 7) and (k, 7), and chi2 (k,) of its pixel."""
+    """Normal equations of each observation under its kernel, (k, 7, 7) and (k, 7), and chi2 (k,) of its pixel."""
     r_px, J_px, r_z, J_z = _linearised(T_world_cam, focal, seen, camera, sigma_px)
     chi2 = (r_px**2).sum(axis=1)
     weight = 1 / (1 + chi2 / SCALE**2)
@@ -141,8 +141,8 @@ def _linearised(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Residuals in sigmas and their derivatives by (w, v, log focal): pixels (k, 2), (k, 2, 7); depths (k,), (k, 7).
 
-    p_cam = exp(-w) (p - v) for the pose T_world_cam [exp(w) | v]: dp/dw = [p]x, dp/dv = -1. What lies behind the
-    camera has a residual so large that it has no weight.
+    p_cam = exp(-w) (p - v) for the pose T_world_cam [exp(w) | v]: dp/dw = [p]x, dp/dv = -1. Points behind the camera
+    have a residual so large that their weight is zero.
     """
     R = T_world_cam[:3, :3]
     p = (seen.points_m - T_world_cam[:3, 3]) @ R
@@ -167,7 +167,7 @@ def _linearised(
 
 
 def _by_poselib(seen: Sightings, camera: Camera, threshold_px: float) -> Floats | None:
-    """T_cam_world (3, 4); None without poselib, or where it finds nothing."""
+    """T_cam_world (3, 4); None without poselib, or if it finds no pose."""
     try:
         import poselib
     except ImportError:
@@ -184,7 +184,7 @@ def _by_poselib(seen: Sightings, camera: Camera, threshold_px: float) -> Floats 
 
 
 def _by_opencv(seen: Sightings, camera: Camera, threshold_px: float) -> Floats | None:
-    """T_cam_world (3, 4); None where nothing is found."""
+    """T_cam_world (3, 4); None if no pose is found."""
     import cv2
 
     try:
@@ -198,7 +198,7 @@ def _by_opencv(seen: Sightings, camera: Camera, threshold_px: float) -> Floats |
             confidence=0.9999,
             flags=cv2.SOLVEPNP_AP3P,
         )
-    except cv2.error:  # points that no pose explains, or all in one place
+    except cv2.error:  # no pose explains the points, or all are at one position
         return None
     if not good or inliers is None or not np.isfinite(turn).all() or not np.isfinite(t).all():
         return None

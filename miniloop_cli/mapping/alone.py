@@ -26,7 +26,7 @@ def map_of(part: MapPart, settings: Mapping[str, Any], seed: int) -> SceneMap:
 
 
 def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTable) -> MapPoints:
-    """Points that keyframes of these recordings saw, at T_world_cam (K, 4, 4); `between`: edges that join them."""
+    """Points seen by keyframes of these recordings at T_world_cam (K, 4, 4); `between`: edges that join them."""
     points = [scan_points(features, part.camera) for part in parts for features in part.features]
     pairs, matches = matches_of_edges(parts, between)
     offsets = np.cumsum([0, *(len(scan.points_m) for scan in points)])
@@ -34,7 +34,7 @@ def landmarks_of(parts: Sequence[MapPart], T_world_cam: Floats, between: EdgeTab
 
 
 def matches_of_edges(parts: Sequence[MapPart], between: EdgeTable) -> tuple[Ints, list[Ints]]:
-    """Pairs (m, 2) of keyframes, counted through the recordings, and the inliers (k, 2) of the edge of each."""
+    """Pairs (m, 2) of keyframes, counted through the recordings, and the inliers (k, 2) of each edge."""
     first = first_keyframes(parts)
     pairs = [part.edges.pairs + start for part, start in zip(parts, first, strict=False)]
     tables = [*(part.edges for part in parts), between]

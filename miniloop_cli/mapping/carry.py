@@ -1,4 +1,4 @@
-"""From keyframes to all frames: what joining moved, moves with the keyframes around it."""
+"""From keyframes to all frames: frames move with their neighbouring keyframes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from miniloop_cli.typing import Floats
 
 
 def carried_poses(part: MapPart, T_world_key: Floats) -> Floats:
-    """(n, 4, 4) poses of all registered frames of a recording, whose keyframes (k, 4, 4) lie so in another world.
+    """(n, 4, 4) poses of all registered frames of a recording, for given poses (k, 4, 4) of its keyframes.
 
-    A frame between two keyframes keeps its motion since the earlier one; what this misses the later one by, is spread
-    evenly over the time between them. Frames before the first and after the last keyframe move with it.
+    A frame between two keyframes keeps its motion since the earlier one; the error at the later one is spread evenly
+    over the time between them. Frames before the first and after the last keyframe move with it.
     """
     own, keys = part.T_world_cam, part.keyframe
     before = np.clip(np.searchsorted(keys, np.arange(len(own)), side="right") - 1, 0, len(keys) - 1)
@@ -27,6 +27,6 @@ def carried_poses(part: MapPart, T_world_key: Floats) -> Floats:
 
 
 def map_trajectories(scene_map: SceneMap) -> list[Floats]:
-    """Of each recording the poses (n, 4, 4) of its registered frames in the world of its piece."""
+    """Poses (n, 4, 4) of the registered frames of each recording, in the world of its piece."""
     T = scene_map.joined.T_world_cam
     return [carried_poses(part, T[scene_map.keyframes_of(r)]) for r, part in enumerate(scene_map.parts)]

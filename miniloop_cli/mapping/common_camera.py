@@ -1,4 +1,4 @@
-"""Scans of different cameras as one pinhole camera would have seen them, so that what compares scans need know one."""
+"""Scans of different cameras in one common pinhole camera, so that scans can be compared."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ def pinhole(camera: Camera) -> Camera:
 
 
 def same_rays(px_ideal: Floats, own: Camera, common: Camera) -> Floats:
-    """Undistorted pixels (n, 2) of one camera to those of another one in its place that see the same rays."""
+    """Undistorted pixels (n, 2) of one camera to those of another one at the same pose with the same rays."""
     scale = np.array([common.fx / own.fx, common.fy / own.fy])
     return (px_ideal - [own.cx, own.cy]) * scale + [common.cx, common.cy]
 
 
 def features_in(features: ScanFeatures, own: Camera, common: Camera) -> ScanFeatures:
-    """Features as the common camera would have seen them. Measured pixels are the undistorted ones there."""
+    """Features in the common camera; their measured pixels are the undistorted ones there."""
     px = same_rays(features.px_ideal, own, common)
     return replace(features, px=px, px_ideal=px)
 
 
 def view_in(view: View | None, own: Camera, common: Camera) -> View | None:
-    """A small picture as the common camera would have seen it: the nearest cell, 0 where there is none."""
+    """A view in the common camera: the nearest cells, 0 where there is none."""
     if view is None or _sees_alike(own, common):
         return view
     size_px, own_size_px = common.width / COLUMNS, own.width / COLUMNS

@@ -1,4 +1,4 @@
-"""Points of a map: what several keyframes saw of one place, fused with its uncertainty."""
+"""Points of a map: fused observations of several keyframes, with covariances."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Floats, Ints
 
 MAX_CHI2 = 16.0  # of an observation against the others of its point
-POSE_SIGMA_M = 0.002  # by which poses place the same point differently, however often it was seen
+POSE_SIGMA_M = 0.002  # error of a point by the poses, which does not decrease with the number of observations
 
 
 def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, tracks: Tracks) -> MapPoints:
-    """Points seen by two keyframes and more.
+    """Points seen by two or more keyframes.
 
-    points: of each keyframe its features in space; T_world_cam (n, 4, 4). A point is the mean of what its keyframes
-    saw, each weighted by the inverse of its covariance. An observation that is off by more than MAX_CHI2 is left out.
+    points: the features of each keyframe in space; T_world_cam (n, 4, 4). A point is the mean of its observations,
+    weighted by the inverse covariances. An observation with more than MAX_CHI2 is left out.
     """
     offsets = np.cumsum([0, *(len(scan.points_m) for scan in points)])
     of_feature = np.full(int(offsets[-1]), -1)

@@ -1,4 +1,4 @@
-"""Where in a map an image was taken: alike keyframes, matches, absolute pose, and what speaks for and against it."""
+"""The pose of an image in a map: similar keyframes, matches, absolute pose, and its checks."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from miniloop_cli.verification.photometric import compare_views
 from miniloop_cli.verification.photometric_check import agreement_ratio
 
 CANDIDATES = 10  # keyframes that an image is compared with
-NEAREST, MIN_SHARED = 6, 0.2  # keyframes that it is then matched with again, and what they share with it at least
+NEAREST, MIN_SHARED = 6, 0.2  # keyframes that it is then matched with again, and their smallest overlap with it
 MIN_MATCHES = 8  # with a keyframe, to take part
-THRESHOLD_PX = 8.0  # while sampling: points are some millimetres off, and rolling shutters bend images
-MIN_INLIERS, MIN_SHARE = 12, 0.1  # that agree, of the matches: at a wrong pose up to a twelfth of some 200 do by chance
-MIN_ALIKE = 0.4  # share of the common view that must look alike
+THRESHOLD_PX = 8.0  # while sampling: points have errors of millimetres, and rolling shutters deform images
+MIN_INLIERS, MIN_SHARE = 12, 0.1  # of the matches; at a wrong pose up to a twelfth of some 200 agree by chance
+MIN_ALIKE = 0.4  # share of the common view that must agree
 RATIO = 0.8  # of the distances of the nearest and the second nearest descriptor
 RIVAL = 0.5  # share of the inliers with which another pose makes this one doubtful
-OTHER_DEG, OTHER_M = 5.0, 0.1  # from where on a pose is another one
-FOCAL_STEPS = (1.0, 0.85, 1.18, 0.72, 1.39)  # tried where the focal length is a guess
+OTHER_DEG, OTHER_M = 5.0, 0.1  # smallest difference to another pose
+FOCAL_STEPS = (1.0, 0.85, 1.18, 0.72, 1.39)  # factors that are tried if the focal length is a guess
 
 
 @dataclass(frozen=True)
 class Locator:
-    """A map made ready for many questions."""
+    """A map prepared to locate many images."""
 
     scene_map: SceneMap
     common: Camera
@@ -72,7 +72,7 @@ class Locator:
         return Locator(scene_map, common, features, views, piece, sample, sketcher)
 
     def locate(self, query: Query) -> Location:
-        """Where the image was taken."""
+        """The location of an image."""
         if len(query.features) < MIN_MATCHES:
             return lost(f"the image has {len(query.features)} features")
         kind = self.scene_map.feature_type
@@ -88,7 +88,7 @@ class Locator:
         return best.judged(self, query)
 
     def _matches(self, query: Query, keyframes: Ints) -> dict[int, Ints]:
-        """Matches (k, 2) of the image with those keyframes that have enough."""
+        """Matches (k, 2) of the image with each keyframe that has enough."""
         kind = self.scene_map.feature_type
         ratio2 = RATIO ** (1 if FEATURE_TYPES[kind].descriptors.binary else 2)
         own, found = self.sketcher.sketched(compact(query.features.descriptors, kind)[0]), {}
@@ -101,7 +101,7 @@ class Locator:
         return found
 
     def _pose(self, query: Query, found: dict[int, Ints], piece: int) -> _Candidate | None:
-        """The pose that most of the matches with one piece agree on, refined with matches that it leads to."""
+        """The pose that most matches with one piece agree on, refined with guided matches."""
         found = {k: rows for k, rows in found.items() if self.piece[k] == piece}
         best: tuple[Floats, int] | None = None
         focal = 1.0
@@ -126,7 +126,7 @@ class Locator:
         return _Candidate(fit, seen, of_keyframe, piece, focal * fit.focal, found)
 
     def _guided(self, query: Query, T_world_cam: Floats, piece: int, focal: float) -> dict[int, Ints]:
-        """Matches (k, 2) with the keyframes that share most with this view, where the pose says that they must be."""
+        """Matches (k, 2) with the keyframes that overlap most with this view, near their predicted positions."""
         bundle, kind = Bundle(), self.scene_map.feature_type
         features = self.query_features(query, focal)
         own, scale = compact(features.descriptors, kind)
@@ -145,7 +145,7 @@ class Locator:
         return found
 
     def near(self, T_world_cam: Floats, piece: int) -> Ints:
-        """Numbers (k,) of the keyframes of a piece that share most with the view from T_world_cam (4, 4)."""
+        """Numbers (k,) of the keyframes of a piece that overlap most with the view from T_world_cam (4, 4)."""
         share = np.where(self.piece == piece, shared_with_view(T_world_cam, self.sample, self.common), 0.0)
         best = np.argsort(-share, kind="stable")[:NEAREST]
         return best[share[best] > MIN_SHARED]
@@ -155,9 +155,9 @@ class Locator:
         return features_in(query.features, _with_focal(query.camera, focal), self.common)
 
     def sightings(self, query: Query, found: dict[int, Ints], focal: float) -> tuple[Sightings, Ints]:
-        """What the image shows of the map by its matches, each feature once, and the keyframe (k,) of each.
+        """The observations from the matches, each feature once, and the keyframe (k,) of each.
 
-        A feature that matches in several keyframes counts where its point is known best.
+        A feature with matches in several keyframes uses the point with the smallest uncertainty.
         """
         features, joined = self.query_features(query, focal), self.scene_map.joined
         first, marks = self.scene_map.first_feature, joined.landmarks
@@ -184,7 +184,7 @@ class Locator:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A pose, the sightings that it was refined with and their keyframes (k,)."""
+    """A pose, the observations of its refinement and their keyframes (k,)."""
 
     fit: PoseEstimate
     seen: Sightings
@@ -195,11 +195,11 @@ class _Candidate:
 
     @property
     def inliers(self) -> Bools:
-        """Which sightings agree (k,)."""
+        """Which observations agree (k,)."""
         return self.fit.inliers
 
     def judged(self, locator: Locator, query: Query) -> Location:
-        """The pose with what speaks against it."""
+        """The location with the doubts about the pose."""
         count = int(self.inliers.sum())
         if count < MIN_INLIERS:
             return lost(f"{count} of {len(self.seen)} matches agree on a pose, {MIN_INLIERS} are needed", count)
@@ -220,7 +220,7 @@ class _Candidate:
         )  # fmt: skip
 
     def _votes(self, locator: Locator, query: Query) -> Ints:
-        """(2,) cells of the small pictures that speak for and against the pose."""
+        """(2,) numbers of cells of the views for and against the pose."""
         own = view_in(query.view, _with_focal(query.camera, self.focal), locator.common)
         keyframes = [k for k in locator.near(self.fit.T_world_cam, self.piece).tolist() if locator.views[k] is not None]
         if own is None or not keyframes:
@@ -230,7 +230,7 @@ class _Candidate:
         return np.array(votes, np.int64).sum(axis=0)
 
     def _has_rival(self, locator: Locator, query: Query, count: int) -> bool:
-        """Whether the matches that disagree with the pose agree on another one."""
+        """Whether the outliers of the pose agree on another one."""
         seen, _ = locator.sightings(query, self.found, self.focal)
         T_cam_world = se3.inverse(self.fit.T_world_cam)
         p = se3.transform(T_cam_world, seen.points_m)

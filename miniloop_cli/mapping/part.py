@@ -1,4 +1,4 @@
-"""What a map keeps of a registered recording."""
+"""The part of a map for a registered recording."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from miniloop_cli.scene.scene_map import MapPart
 from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Floats, Ints
 
-MAP_FEATURES = 1200  # of a keyframe at most: with their descriptors they fit in 200 kB
+MAP_FEATURES = 1200  # largest number for a keyframe: with their descriptors they fit in 200 kB
 
 
 def part_of(run: Registration, feature_type: str) -> MapPart:
-    """The registered frames of a run, and of its keyframes what later recordings and images are compared with."""
+    """The registered frames of a run, and data of its keyframes to compare with other recordings and images."""
     frame = run.poses.registered
     scans = np.intersect1d(frame, run.scan_frames)
     edges = run.edges.subset(usable_edges(run.edges, len(run.scans)) & run.poses.joins(run.edges))
@@ -57,7 +57,7 @@ def part_of(run: Registration, feature_type: str) -> MapPart:
 
 
 def feature_uses(edges: EdgeTable, counts: list[int]) -> list[Ints]:
-    """For each scan, in how many edges each of its features is an inlier, (count,)."""
+    """For each scan, the number of edges in which each of its features (count,) is an inlier."""
     uses = [np.zeros(count, np.int64) for count in counts]
     for e in range(len(edges)):
         rows = edges.inlier_rows(e)
@@ -67,7 +67,7 @@ def feature_uses(edges: EdgeTable, counts: list[int]) -> list[Ints]:
 
 
 def chosen_features(features: ScanFeatures, uses: Ints, most: int = MAP_FEATURES) -> Ints:
-    """Rows that are kept: with depth, first those most often found again (`uses` (n,)), then the strongest."""
+    """Rows (k,) to keep: features with depth, first those with most `uses` (n,), then the strongest."""
     usable = np.flatnonzero(np.isfinite(features.z_m))
     order = usable[np.argsort(-uses[usable], kind="stable")]
     return np.sort(order[:most])
@@ -81,7 +81,7 @@ def of_rows(features: ScanFeatures, rows: Ints) -> ScanFeatures:
 
 
 def by_calibration(features: ScanFeatures, calibration: Calibration | None) -> ScanFeatures:
-    """Features as the calibrated camera measured them: they were extracted with the one that was given."""
+    """Features in the calibrated camera; they were extracted with the given one."""
     if calibration is None or not calibration.changed or calibration.beforehand:
         return features
     camera = calibration.camera
@@ -95,7 +95,7 @@ def by_calibration(features: ScanFeatures, calibration: Calibration | None) -> S
 def at_one_instant(
     features: ScanFeatures, velocity: Floats, timing: Timing, stamp_lag_s: float, camera: Camera
 ) -> ScanFeatures:
-    """Features as if image and depth had been taken at the moment of the middle row, by `refinement.timing.corrected`.
+    """Features corrected to the time of the middle row for image and depth, by `refinement.timing.corrected`.
 
     velocity (6,): (w, v) rad/s and m/s of the camera in its own frame; stamp_lag_s: depth stamp minus colour stamp.
     Features without depth stay as they are.
@@ -119,7 +119,7 @@ def at_one_instant(
 
 
 def between_rows(edges: EdgeTable, scans: Ints, rows: list[Ints]) -> EdgeTable:
-    """The edges among scans (k,), numbered by their places there, with the inliers among the kept rows (f,) of each."""
+    """The edges among scans (k,), renumbered by them, with the inliers among the kept rows (f,) of each scan."""
     edges = edges.subset(np.isin(edges.i, scans) & np.isin(edges.j, scans))
     i, j = np.searchsorted(scans, edges.i), np.searchsorted(scans, edges.j)
     matches = []

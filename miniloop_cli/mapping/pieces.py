@@ -1,4 +1,4 @@
-"""Which recordings of a map hang together, and where their keyframes lie before they are refined together."""
+"""Pieces of a map: recordings that are joined, and the poses of their keyframes before the joint refinement."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from miniloop_cli.scene.scene_map import MapPart
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Floats, Ints, Pair
 
-MIN_JOINING = 3  # verified edges between two recordings, of as many keyframes of each: a lookalike may match in one
+MIN_JOINING = 3  # verified edges, of as many keyframes each, that join recordings; fewer may be chance
 
 
 def as_one_table(counts: Sequence[int], own: Sequence[EdgeTable], between: Mapping[Pair, EdgeTable]) -> EdgeTable:
@@ -28,7 +28,7 @@ def as_one_table(counts: Sequence[int], own: Sequence[EdgeTable], between: Mappi
 
 
 def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) -> Ints:
-    """(count,) the piece of each recording; 0 is that of the most keyframes.
+    """(count,) the piece of each recording; 0 is that with most keyframes.
 
     between: verified edges between recordings, of_part (K,) the recording and component (K,) the component of each
     keyframe. Two recordings are joined by MIN_JOINING edges that lie in one component.
@@ -44,7 +44,7 @@ def pieces_of(between: EdgeTable, of_part: Ints, count: int, component: Ints) ->
 
 
 def by_size(label: Ints, of_part: Ints) -> Ints:
-    """(r,) pieces of recordings numbered by how many keyframes they have; label (r,) any numbers, of_part (K,)."""
+    """(r,) pieces of recordings, numbered by falling number of keyframes; label (r,) any numbers, of_part (K,)."""
     label = np.unique(label, return_inverse=True)[1]
     size = np.bincount(label[of_part], minlength=label.max(initial=-1) + 1)
     first = np.array([np.flatnonzero(label == k)[0] for k in range(len(size))])
@@ -72,11 +72,11 @@ def whole_recordings(T_own: Floats, poses: Poses, inside: Ints, of_part: Ints) -
 
 
 def in_the_first_world(T_world_cam: Floats, first: MapPart) -> Floats:
-    """Poses (m, 4, 4) of a piece moved so that its first recording lies where it was registered, as well as it fits."""
+    """Poses (m, 4, 4) of a piece, moved so that its first recording is nearest to its own poses."""
     return moved_onto(T_world_cam[: len(first)], first.T_world_key) @ T_world_cam
 
 
 def moved_onto(now: Floats, where: Floats) -> Floats:
-    """(4, 4) the motion that brings poses (m, 4, 4) as near as it can to others (m, 4, 4)."""
+    """(4, 4) the motion that aligns poses (m, 4, 4) best to others (m, 4, 4)."""
     R = se3.project_so3((where[:, :3, :3] @ np.swapaxes(now[:, :3, :3], 1, 2)).sum(axis=0))
     return se3.pose(R, (where[:, :3, 3] - now[:, :3, 3] @ R.T).mean(axis=0))

@@ -1,4 +1,4 @@
-"""An image made ready to be looked for in a map."""
+"""An image prepared to be located in a map."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from miniloop_cli.scene.timing import Timing
 from miniloop_cli.typing import Bytes, Floats32
 
 NO_TIMING = Timing()
-MAX_WIDTH_PX = 1280  # larger photographs are made smaller: keyframes show no finer detail
-UNKNOWN_M = np.float32(1e6)  # depth of what a colour image alone shows: it may lie anywhere
+MAX_WIDTH_PX = 1280  # larger photographs are reduced, as keyframes have no finer detail
+UNKNOWN_M = np.float32(1e6)  # the depth of cells without depth, compatible with any distance
 
 
 @dataclass(frozen=True)
 class Query:
-    """An image that is looked for: features (z_m is NaN where it has no depth), small picture, camera.
+    """An image to locate: features (z_m is NaN without depth), view, camera.
 
-    `rough`: the focal length is a guess, and estimated with the pose. `timing`: of the camera, as far as it is known;
+    `rough`: the focal length is a guess, and estimated with the pose. `timing`: of the camera, if known;
     `with_depth`: depth was measured.
     """
 
@@ -46,9 +46,9 @@ def query_of(
     rough: bool = False,
     timing: Timing = NO_TIMING,
 ) -> Query:
-    """The query of an image (h, w, 3) uint8, with depth (h, w) in metres where there is any.
+    """The query of an image (h, w, 3) uint8, with depth (h, w) in metres, if there is any.
 
-    `rough`: the focal length is a guess; `timing`: of the camera, as far as it is known.
+    `rough`: the focal length is a guess; `timing`: of the camera, if known.
     """
     factor = min(1.0, MAX_WIDTH_PX / max(color.shape[:2]))
     if factor < 1:
@@ -56,7 +56,7 @@ def query_of(
     scan = Scan(color, np.zeros(color.shape[:2], np.float32) if depth_m is None else depth_m)
     view = make_view(scan, camera, depth)
     if depth_m is None:
-        # No reading hides anything, and any distance fits.
+        # Without readings, nothing is hidden, and any distance fits.
         seen = view.gray > 0
         view = replace(view, high_m=np.where(seen, UNKNOWN_M, np.float32(0)))
     return Query(scan_features(scan, camera, features, depth), view, camera, rough, timing, depth_m is not None)

@@ -1,4 +1,4 @@
-"""Finding keyframes of a map that look like an image: VLAD vectors over a vocabulary that the map carries."""
+"""Retrieval of keyframes that look similar to an image: VLAD vectors over a vocabulary stored in the map."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.scene_map import Retrieval
 from miniloop_cli.typing import Bytes, Floats32, Ints
 
-TRAINING = 5000  # descriptors that the words are learnt from: more make maps slow to write
+TRAINING = 5000  # descriptors for learning the words: more make maps slow to write
 
 
 def small(descriptors: NDArray, feature_type: str) -> Bytes:
-    """The strongest descriptors (n, d) of an image as bytes, as vocabularies take them."""
+    """The strongest descriptors (n, d) of an image as bytes, for the vocabulary."""
     return compact(descriptors[:DESCRIBED_FEATURES], feature_type)[0]
 
 
@@ -29,7 +29,7 @@ def index(keyframes: Sequence[ScanFeatures], feature_type: str, learnt_from: int
 
 
 def extended(before: Retrieval, keyframes: Sequence[ScanFeatures], feature_type: str) -> Retrieval:
-    """The index with more keyframes. Vectors are as precise as they are kept."""
+    """The index with more keyframes. Vectors have the precision of stored ones."""
     vectors = described([small(features.descriptors, feature_type) for features in keyframes], before.words)
     kept = vectors.astype(np.float16).astype(np.float32)
     return Retrieval(before.words, np.concatenate([before.vectors.reshape(-1, kept.shape[1]), kept]))

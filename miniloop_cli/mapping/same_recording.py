@@ -8,11 +8,11 @@ from miniloop_cli.errors import InputError
 from miniloop_cli.scene.scene_map import MapPart
 from miniloop_cli.scene.sequence import Sequence
 
-SAME_IMAGES = 0.5  # share of keyframes with images of another recording from which on it is the same one
+SAME_IMAGES = 0.5  # share of keyframes with images of another recording for the same recording
 
 
 def refuse_known(part: MapPart, others: Many[MapPart]) -> None:
-    """Raise InputError for a recording of which another one has most images."""
+    """Raise InputError for a recording with mostly images of another one."""
     for other in others:
         same = len(set(part.images) & set(other.images))
         if same >= SAME_IMAGES * min(len(part), len(other)):
@@ -22,7 +22,7 @@ def refuse_known(part: MapPart, others: Many[MapPart]) -> None:
 
 
 def refuse_images(sequence: Sequence, parts: Many[MapPart]) -> None:
-    """As `refuse_known`, before any work: keyframes of the map are looked for among the images of a recording."""
+    """As `refuse_known`, before any work: compares the images of a recording with the keyframes of the map."""
     images = {frame.color.fingerprint()[:16] for frame in sequence.frames}
     for part in parts:
         same = len(images & set(part.images))

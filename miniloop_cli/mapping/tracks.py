@@ -1,4 +1,4 @@
-"""Tracks through the keyframes of a map: those of its points, and matches that lead from them to new keyframes."""
+"""Tracks through the keyframes of a map: those of its points, extended by matches to new keyframes."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Floats, Ints, Pair
 
-KNOWN = 1e9  # strength of a match that a point of the map was made from: what is new contradicts none of these
+KNOWN = 1e9  # strength of a match of a point of the map, which new matches do not break
 
 
 def matched_again(
     T_world_cam: Floats, pairs: Sequence[Pair], scans: ScanSet, settings: Bundle, workers: Workers
 ) -> list[Ints]:
-    """Matches of each pair of keyframes where their poses (K, 4, 4) say that they must be."""
+    """Matches (k, 2) of each pair of keyframes near the positions predicted by their poses (K, 4, 4)."""
     i, j = np.array(pairs, np.int64).reshape(-1, 2).T
     T_j_i = se3.inverse(T_world_cam[j]) @ T_world_cam[i]
     return guided_matches(pairs, T_j_i, scans.features, scans.feature_type, scans.camera, settings, workers)
 
 
 def near_pairs(T_world_cam: Floats, inside: Ints, scans: ScanSet, settings: Bundle) -> list[Pair]:
-    """Pairs of the keyframes `inside` that see most of the same by their poses (K, 4, 4)."""
+    """Pairs of the keyframes `inside` with most overlap by their poses (K, 4, 4)."""
     return partners(T_world_cam, inside, scans.points, scans.camera, settings.partners)
 
 
 def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, list[Ints]]:
-    """Pairs (m, 2) of keyframes and the matches of each, (k, 2), that chain what each point was seen by.
+    """Pairs (m, 2) of keyframes and their matches (k, 2), which chain the observations of each point.
 
-    first_feature (K + 1,): where the features of each keyframe begin among all.
+    first_feature (K + 1,): number of the first feature of each keyframe among all.
     """
     feature = np.flatnonzero(points.of_feature >= 0)
     feature = feature[np.argsort(points.of_feature[feature], kind="stable")]  # by point, then by keyframe
@@ -52,7 +52,7 @@ def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, lis
 
 
 def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches: Sequence[Ints]) -> Tracks:
-    """Tracks through all keyframes: those of the points, which `matches` (k, 2) of new pairs (m, 2) lengthen and join.
+    """Tracks through all keyframes: those of the points, extended and joined by `matches` (k, 2) of new pairs (m, 2).
 
     first_feature (K + 1,): of all keyframes, the new ones after those of the map.
     """
