@@ -86,7 +86,7 @@ class ArchivePath(Base):
                     yield child
 
     def open(self, mode: str = "r", *args: Any, **kwargs: Any) -> IO[Any]:  # type: ignore[override]
-        """Open for reading, as text or bytes."""
+        """Open for reading, as text or bytes. Raises FileNotFoundError, and PermissionError for writing."""
         import io
 
         archive, name = self._place()

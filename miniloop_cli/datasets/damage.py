@@ -10,7 +10,7 @@ from miniloop_cli.errors import InputError, out_of_memory
 
 @contextmanager
 def damage(words: str | Callable[[Exception], str]) -> Iterator[None]:
-    """Turn any error inside into an InputError with these `words`, which may depend on the error.
+    """Raise any error inside as an InputError with these `words`, which may depend on the error.
 
     An InputError keeps its message, and running out of memory is not damage.
     """

@@ -44,7 +44,7 @@ def poses_of(data: dict[str, Any], where: str) -> Trajectory | None:
 
 
 def clock(data: dict[str, Any], where: str) -> tuple[float, Floats | None]:
-    """Frames a second, and the times (s) of all frames by number, if the metadata have them."""
+    """Frames a second, and the times (s) of all frames by number, if the metadata have them. Raises InputError."""
     fps = data.get("fps")
     rate_hz = float(fps) if isinstance(fps, int | float) and 0.1 <= fps <= 1000 else RATE_HZ
     times = data.get("frameTimestamps")

@@ -22,7 +22,7 @@ def refuse_known(part: MapPart, others: Many[MapPart]) -> None:
 
 
 def refuse_images(sequence: Sequence, parts: Many[MapPart]) -> None:
-    """As `refuse_known`, before any work: compares the images of a recording with the keyframes of the map."""
+    """As `refuse_known`, before any work: compares the images with the keyframes. Raises InputError."""
     images = {frame.color.fingerprint()[:16] for frame in sequence.frames}
     for part in parts:
         same = len(images & set(part.images))

@@ -139,7 +139,10 @@ def column(rows: Sequence[dict[str, str]], name: str, path: Path) -> Floats:
 
 
 def edge_stamps(rows: list[dict[str, str]], path: Path) -> Floats:
-    """(e, 2) time stamps (s) of the verified edges among edges.csv rows; of all rows without a verdict."""
+    """(e, 2) time stamps (s) of the verified edges among rows of edges.csv; of all rows without verdicts.
+
+    Raises InputError for rows without stamps.
+    """
     stamps = np.stack([column(rows, f"timestamp_{end}", path) for end in "ij"], axis=1)
     verified = np.array([row.get("verdict", "verified") == "verified" for row in rows], bool)
     if np.isnan(stamps).any():

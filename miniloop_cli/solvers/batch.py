@@ -77,7 +77,7 @@ def minimal_solver(
 
 
 def solve(*arguments: object) -> int:
-    """Placeholder in the loops below; `_loop_over` replaces it by the compiled function of a solver."""
+    """Placeholder in the loops below; `_loop_over` replaces it by a compiled solver. Raises NotImplementedError."""
     raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Public functions are documented; those with arrays state the shapes."""
+"""Public functions are documented; those with arrays state the shapes, those that raise name their errors."""
 
 import ast
 import re
@@ -40,6 +40,37 @@ def test_every_public_function_is_documented():
         if not ast.get_docstring(node) and not (about and node.name in DOCUMENTED)
     ]
     assert missing == []
+
+
+def raised_by(node):
+    """The errors that the body of a function raises itself, without those of functions defined inside it."""
+    waiting = list(node.body)
+    while waiting:
+        child = waiting.pop()
+        if isinstance(child, (ast.FunctionDef, ast.ClassDef, ast.Lambda)):
+            continue
+        if isinstance(child, ast.Raise) and child.exc is not None:
+            yield ast.unparse(child.exc)
+        waiting += ast.iter_child_nodes(child)
+
+
+def is_command(node):
+    """Whether the docstring of a function is the help text of a command."""
+    return any("command" in ast.unparse(one) or "group" in ast.unparse(one) for one in node.decorator_list)
+
+
+def test_functions_that_raise_say_so():
+    unsaid, counted = [], 0
+    for where, node, about in public_functions():
+        errors = list(raised_by(node))
+        said = ast.get_docstring(node) or ""
+        if not errors or is_command(node) or (not said and node.name in DOCUMENTED):
+            continue
+        counted += 1
+        if not re.search(r"\b[Rr]aises?\s", said + about):
+            unsaid.append((where, errors))
+    assert counted > 150
+    assert unsaid == []
 
 
 def test_functions_of_arrays_state_their_shapes():

@@ -39,7 +39,7 @@ class Cursor:
             self._order, self.at = "><"[data[1]], 4
 
     def numbers(self, kind: str, count: int = 1) -> list:
-        """`count` numbers of a type of `struct`."""
+        """`count` numbers of a type of `struct`. Raises InputError as the class."""
         size = struct.calcsize(f"={kind}")
         if self._aligned and count:
             self.at += -(self.at - 4) % size
@@ -55,7 +55,7 @@ class Cursor:
         return int(self.numbers(kind)[0])
 
     def text(self) -> str:
-        """A string."""
+        """A string. Raises InputError as the class."""
         length = self.number("I")
         if length > MAX_TEXT or self.at + length > len(self._data):
             raise InputError("the message ends too early")
@@ -71,7 +71,7 @@ class Cursor:
         return seconds * 10**9 + nanoseconds, self.text()
 
     def rest(self) -> bytes:
-        """The bytes of a sequence of uint8 of the stated length."""
+        """The bytes of a sequence of uint8 of the stated length. Raises InputError as the class."""
         length = self.number("I")
         if self.at + length > len(self._data):
             raise InputError("the message ends before its image")

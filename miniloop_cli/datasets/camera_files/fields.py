@@ -67,7 +67,7 @@ class Fields:
         return float(value)
 
     def numbers(self, key: str, counts: Sequence[int], what: str = "a list of numbers") -> list[float]:
-        """A list of finite numbers of one of the lengths, also nested, or a matrix of OpenCV or ROS. ConfigError."""
+        """Finite numbers of one of the lengths, from a list, also nested, or a matrix. Raises ConfigError."""
         value = self._get(key, what)
         if isinstance(value, dict):
             require_known(value, MATRIX, f"{self.place}: {key}")

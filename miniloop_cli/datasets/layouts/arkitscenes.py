@@ -62,7 +62,7 @@ class ARKitScenes:
         return Sequence(root.name, root, camera, frames, truth, notes, found.available, DepthFormat(resample=True))
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """ARKit's poses, camera to world: a reference, not the truth."""
+        """ARKit's poses, camera to world: a reference, not the truth. Raises InputError."""
         path = sequence.ground_truth_path
         if path is None:
             return None

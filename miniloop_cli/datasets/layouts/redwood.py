@@ -35,7 +35,7 @@ class Redwood:
         return (root / "depth").is_dir() and _first(root, COLOR) is not None and not (root / "pose").is_dir()
 
     def open(self, root: Path, camera_path: Path | None) -> Sequence:
-        """The sequence in `root`; images are paired by tables, times in their names, or numbers. InputError."""
+        """The sequence in `root`; images are paired by tables, times in names, or numbers. Raises InputError."""
         folder = _first(root, COLOR)
         if folder is None:
             raise InputError(f"{shown(root)}: no folder color/ or image/")
@@ -59,7 +59,7 @@ class Redwood:
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
         """Redwood's trajectory log: for each pose a line of three numbers and four rows of a matrix, camera to world.
 
-        The first of the three numbers counts the images of the folder from 0 on.
+        The first of the three numbers counts the images of the folder from 0 on. Raises InputError for malformed lines.
         """
         path, folder = sequence.ground_truth_path, _first(sequence.root, COLOR)
         if path is None or folder is None:

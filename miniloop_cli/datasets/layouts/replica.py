@@ -54,7 +54,7 @@ class Replica:
         return Sequence(root.name, root, camera, frames, truth if truth.is_file() else None, notes, available)
 
     def ground_truth(self, sequence: Sequence) -> Trajectory | None:
-        """The poses of the renderer: row n is that of frame n, from 0 on."""
+        """The poses of the renderer: row n is that of frame n, from 0 on. Raises InputError for malformed rows."""
         path = sequence.ground_truth_path
         if path is None:
             return None

@@ -83,7 +83,7 @@ class _Row(NamedTuple):
 
 
 def _odometry(path: Path) -> list[_Row]:
-    """The rows by the names in the header; early versions of the app write seven columns without one. InputError."""
+    """The rows, by the header, which early versions of the app do not write. Raises InputError."""
     rows: list[_Row] = []
     names: tuple[str, ...] = POSE
     for line_number, line in read_lines(path):
