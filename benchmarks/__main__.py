@@ -178,10 +178,12 @@ def figures(check: bool) -> None:
     """
     from benchmarks.figures.pages import ROOT, update
     from benchmarks.figures.store import FigureError, load
+    from benchmarks.figures.typed import check_typed_numbers
 
     stale = [page.relative_to(ROOT).as_posix() for page in update(load(), check)]
     if check and stale:
         raise FigureError(f"not up to date: {', '.join(stale)}; run python -m benchmarks figures")
+    check_typed_numbers()
     click.echo(f"{len(stale)} pages changed" if stale else "all pages are up to date")
 
 

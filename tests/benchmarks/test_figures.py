@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import benchmarks
-from benchmarks.figures import pages, store
+from benchmarks.figures import pages, store, typed
 from benchmarks.figures.store import FigureError, Figures, load, put_table, save
 
 ROOT = Path(__file__).parents[2]
@@ -30,6 +30,23 @@ def figures():
 
 def test_every_page_is_up_to_date():
     assert pages.update(load(), check=True) == [], "run python -m benchmarks figures"
+
+
+def test_pages_have_no_typed_figures():
+    typed.check_typed_numbers()
+
+
+def test_typed_numbers_are_found_outside_of_marks_and_code():
+    text = "An error of <!--=walk.ate-->9<!--/--> cm, 3.5 cm and 12 %.\n`5 MB`\n"
+    text += "```\n7 s\n```\n1,200 times, 30° x 2, 4 m/s\n"
+    found = [(1, "3.5 cm"), (1, "12 %"), (6, "1,200 times"), (6, "30 °")]
+    assert list(typed.typed_numbers(text)) == found
+    listed = {f"README.md: {number}" for _, number in found}
+    typed.compare({"README.md": text}, listed)
+    with pytest.raises(FigureError, match=r"README\.md:6: '30 °' is typed by hand"):
+        typed.compare({"README.md": text}, listed - {"README.md: 30 °"})
+    with pytest.raises(FigureError, match=r"no page has 'README\.md: 8 s'"):
+        typed.compare({"README.md": text}, listed | {"README.md: 8 s"})
 
 
 def test_every_figure_is_shown_somewhere():
