@@ -212,7 +212,9 @@ def _decompressed(path: Path) -> Path:
             try:
                 block = stream.read(1 << 20)
             except DAMAGE as error:  # atomic_write would report an OSError as one of writing
-                raise InputError(f"{shown(path)} is damaged or incomplete: {shown(str(error))}") from error
+                raise InputError(
+                    f"{shown(path)} is damaged, incomplete or not an archive: {shown(str(error))}"
+                ) from error
             if not block:
                 return target
             written += len(block)

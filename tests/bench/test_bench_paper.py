@@ -135,4 +135,4 @@ def test_without_ground_truth_it_says_so(tmp_path):
     (without / "groundtruth.txt").unlink()
     for name in ("minisequences", "tables"):
         result = CliRunner().invoke(bench, [name, str(without), "-o", str(tmp_path)])
-        assert isinstance(result.exception, InputError) and "without ground truth" in str(result.exception)
+        assert isinstance(result.exception, InputError) and "has no ground truth" in str(result.exception)

@@ -109,5 +109,5 @@ def test_rows_do_not_depend_on_jobs(folder, tmp_path):
 
 def test_a_recording_without_truth_is_refused(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "bare", ignore=shutil.ignore_patterns("groundtruth.txt"))
-    with pytest.raises(InputError, match="without ground truth"):
+    with pytest.raises(InputError, match="has no ground truth"):
         read_overlaps(tmp_path / "bare", load_settings(), None, Workers(1))

@@ -101,7 +101,7 @@ def test_what_cannot_be_done_is_said(folder, tmp_path):
         list(ablation_rows([folder], edge_files=[tmp_path, tmp_path]))
     without = simulate(tmp_path / "without", frames=2, width=160, height=120)
     (without / "groundtruth.txt").unlink()
-    with pytest.raises(InputError, match="without ground truth"):
+    with pytest.raises(InputError, match="has no ground truth"):
         list(ablation_rows([without]))
 
 

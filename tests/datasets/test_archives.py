@@ -89,11 +89,11 @@ def test_members_that_lead_out_of_the_folder_are_refused(folder, tmp_path, name)
     path = zipped(folder, tmp_path / "a.zip", "scan/")
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr(name, b"x")
-    with pytest.raises(InputError, match="leads out of the folder"):
+    with pytest.raises(InputError, match="points outside the folder"):
         open_sequence(path)
     with tarfile.open(tmp_path / "a.tar", "w") as archive:
         archive.addfile(tarfile.TarInfo(name), io.BytesIO())
-    with pytest.raises(InputError, match="leads out of the folder"):
+    with pytest.raises(InputError, match="points outside the folder"):
         open_sequence(tmp_path / "a.tar")
 
 

@@ -412,7 +412,7 @@ def test_files_of_a_folder_that_are_compressed_or_missing(tmp_path):
     with pytest.raises(InputError, match=r"metadata.yaml names b.mcap, which does not exist"):
         opened(path)
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [1]")
-    with pytest.raises(InputError, match=r"metadata\.yaml is not that of a ROS 2 bag"):
+    with pytest.raises(InputError, match=r"metadata\.yaml does not describe a ROS 2 bag"):
         opened(path)
     (path / "metadata.yaml").unlink()
     assert len(opened(path).frames) == 5

@@ -80,7 +80,7 @@ def test_what_stays_is_said_to_stay():
     [
         ("trust: perhaps", "trust is one of calibrated, factory, guess"),
         ("depth_offset_m: 0.01", "depth_middle_m missing"),
-        ("depth_bend_per_m: -0.9\ndepth_middle_m: 1.5", "turns near and far around"),
+        ("depth_bend_per_m: -0.9\ndepth_middle_m: 1.5", "reverses near and far"),
     ],
 )
 def test_impossible_camera_files_are_refused(tmp_path, lines, said):

@@ -74,7 +74,7 @@ def test_of_equal_stamps_one_image_is_used():
     assert [frame.color for frame in found.color_only.frames] == [color.sources[3], color.sources[4]]
     assert [note.text for note in found.color_only.taken_in] == [
         "2 colour images have no depth image within 20 ms: their poses come from tracked points alone",
-        "2 colour images have the stamps of others",
+        "2 colour images repeat a stamp",
         "1 of 3 depth images have no colour image within 20 ms",
     ]
 

@@ -81,7 +81,7 @@ def test_a_realsense_bag_is_registered_by_its_own_calibration(tmp_path):
     [
         ({"unit_m": None}, f"lacks {OPTION}, the unit of depth"),
         ({"unit_m": 5.0}, "is 5 m, which cannot be a unit of depth"),
-        ({"left_out": [f"{DEVICE[0]}/tf"]}, f"lacks {DEVICE[0]}/tf/0, the place of"),
+        ({"left_out": [f"{DEVICE[0]}/tf"]}, f"lacks {DEVICE[0]}/tf/0, the pose of"),
         ({"left_out": [f"{DEVICE[1]}/info"]}, f"lacks {DEVICE[1]}/info/camera_info"),
         ({"reference": ("0", "1")}, "no reference in common"),
     ],

@@ -77,12 +77,12 @@ def test_another_world_is_as_good(turn, rng):
     ("given", "said"),
     [
         (lambda T: T @ OPENGL_AXES, r"read as camera axes x right, y up, z backward"),
-        (se3.inverse, "they would agree as poses world to camera"),
+        (se3.inverse, "read as poses world to camera"),
         (
             lambda T: se3.pose(T[:, :3, :3], 1000 * T[:, :3, 3]),
-            "they would agree as poses camera to world, in millimetres",
+            "read as poses camera to world, in millimetres",
         ),
-        (lambda T: se3.pose(T[:, :3, :3], 10 * T[:, :3, 3] + 3 * np.arange(SCANS)[:, None]), "expected are metres"),
+        (lambda T: se3.pose(T[:, :3, :3], 10 * T[:, :3, 3] + 3 * np.arange(SCANS)[:, None]), "give metres"),
     ],
     ids=["opengl", "inverse", "millimetres", "scale"],
 )
