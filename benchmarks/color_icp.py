@@ -1,7 +1,7 @@
 """Would colour ICP on the graph's edges make the poses better? Final poses of a run against the same after ICP.
 
-Each scan is registered anew to the PARTNERS scans it shares most inliers with, by Open3D's colour ICP in STEPS_M, begun
-at the final poses; the relative poses then go into a pose graph. Errors as `miniloop eval` gives them.
+Each scan is registered again to the PARTNERS scans it shares most inliers with, by Open3D's colour ICP in STEPS_M,
+started at the final poses; the relative poses then go into a pose graph. Errors as `miniloop eval` gives them.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from miniloop_cli.mapping.pieces import moved_onto
 def show_added(paths: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
     """The last recording added to the map of the others: seconds, bytes, and the difference to all registered together.
 
-    Each command is a process of its own that computes everything anew.
+    Each command is a process of its own that computes everything again.
     """
     *others, added = paths
     chosen = [word for override in overrides for word in ("--set", override)]

@@ -42,7 +42,7 @@ def adding(folder: Path, sequence: Path) -> subprocess.Popen[str]:
 
 
 def added(folder: Path, sequence: Path) -> str:
-    """What an `add` says that nobody stops."""
+    """The output of an `add` that is not interrupted."""
     return adding(folder, sequence).communicate()[1].strip()
 
 
@@ -69,7 +69,9 @@ def killed_once(folder: Path, sequence: Path, after: str, sent: signal.Signals, 
     seconds, now = time.perf_counter() - begin, manifest_hash(folder)
     read_map(folder)
     if now not in (before, after):
-        raise MiniloopError(f"{folder}: {sent.name} after {seconds:.2f} s left a map that nobody wrote")
+        raise MiniloopError(
+            f"{folder}: {sent.name} after {seconds:.2f} s left a map that is neither the old nor the new one"
+        )
     return Ended(how, now != before, not up_to_date(folder), seconds, reads)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 HEAD = """# Licences of what miniloop uses
 
 miniloop itself is under the MIT licence. What it is installed with, and the extras, by what each package says of itself
-(version looked at: the newest when this page was made, by `docs/make_licences.py`). None of it is changed, and only
+(version examined: the newest when this page was made, by `docs/make_licences.py`). None of it is changed, and only
 three.js is shipped: it draws the 3D view, under the MIT licence, and its version and licence lie beside it in
 `miniloop_cli/report/viewer/assets`.
 evo and codespell are GPL: evo is an independent oracle of tests and benchmarks, codespell a check of spelling. The

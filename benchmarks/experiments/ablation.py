@@ -97,7 +97,7 @@ def ablation_rows(
 
     Edge errors are over a list of edges that all rows of a recording share: that of `edge_files` (one a recording,
     lines "i j"), else the default's verified edges; beside them stand the errors of the edges' own estimates.
-    Features are taken from the cache where they are; the seconds are those of all later stages, made anew in every
+    Features are taken from the cache where they are; the seconds are those of all later stages, computed again in every
     run, with everything compiled.
     Raises InputError for a recording without ground truth, ConfigError for an unknown name.
     """

@@ -27,7 +27,7 @@ from miniloop_cli.verification.photometric_check import PhotometricCheck
 
 KINDS = ("random", "consistent")
 TRUE_DEG, TRUE_M = 5.0, 0.10  # an estimate within this of the ground truth is a true edge
-KEPT_EDGES = 3  # no scan loses its last true edges to false ones: nobody could place it then
+KEPT_EDGES = 3  # no scan loses its last true edges to false ones: without them its pose is unknown
 FALSE_DEG, FALSE_M = 15.0, 0.30
 PATIENCE = 200  # draws in a row that bring no false edge: there are no more to be had
 LEAST_SCANS = 10
@@ -99,7 +99,7 @@ def with_false_edges(graph: TrueGraph, kind: str, share: float, rng: np.random.G
     A false edge is as an estimator would find it: its scans overlap by its relative pose, which is off by more than
     FALSE_DEG or FALSE_M, and its matches, inliers and information are those of some true edge.
     `random`: a pair of scans with the relative pose of another pair. `consistent`: two places taken for one; two runs
-    of scans, an eighth to a third of all each, are laid over each other, and pairs of them that then overlap agree in
+    of scans, an eighth to a third of all each, are made to coincide, and pairs of them that then overlap agree in
     it but for the noise of true edges; such clusters follow one another until there are enough false edges.
     A false edge takes the place of the true one of its pair, if there is one. If there are fewer such pairs than
     asked for, the share is less.

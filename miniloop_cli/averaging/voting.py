@@ -26,7 +26,7 @@ LEVELS = 8
 """Supports within a factor of two are one level; there, first come, first placed: shallow, so that drift is low."""
 
 LOOPS = 12
-"""At most so many triangles of an edge are looked at."""
+"""The largest number of triangles of an edge that are examined."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -28,7 +28,7 @@ class DepthNoise:
 class Trust(StrEnum):
     """How well a camera is known."""
 
-    CALIBRATED = "calibrated"  # somebody measured this very camera
+    CALIBRATED = "calibrated"  # measured on this camera
     FACTORY = "factory"  # the device states its own numbers
     GUESS = "guess"  # a default of a driver or of a layout
 

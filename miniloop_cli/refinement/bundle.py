@@ -49,7 +49,7 @@ class BundleSettings:
 class BundleResult:
     """Poses (n, 4, 4), points (p, 3), and the residuals of the k observations.
 
-    covariance (n, 6, 6), None if not asked for: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
+    covariance (n, 6, 6), None unless requested: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
     fixed frame, which has zero; infinite for frames that no chain of tracks joins to it. `used` (k,): whether the
     observation took part. residual_px (k, 2) and residual_depth (k,) in sigmas, NaN where there is none; weights (k,)
     in [0, 1].

@@ -38,7 +38,7 @@ class PoseGraphSettings:
 class PoseGraphResult:
     """Poses (n, 4, 4), their covariances, and squared Mahalanobis residuals and robust weights of the edges (m,).
 
-    covariance (n, 6, 6), None if not asked for: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
+    covariance (n, 6, 6), None unless requested: of (w, v) in T_world_cam(true) = T_world_cam [exp(w) | v], given the
     fixed frame, which has zero; infinite for frames not connected to it. It is that of the model, times
     `variance_factor` where this exceeds 1: the ratio of the residuals to those that the information matrices predict
     (1 without loops).

@@ -100,7 +100,7 @@ def compare(first: Side, second: Side, truth: Path | None = None, with_scale: bo
         laid = evaluate(second.trajectory, first.trajectory, protocol=protocol)
         free = evaluate(second.trajectory, first.trajectory, protocol=Protocol("Sim3"))
     except MiniloopError as error:
-        raise MiniloopError(f"{second.name} cannot be laid over {first.name}: {error}") from error
+        raise MiniloopError(f"{second.name} cannot be aligned to {first.name}: {error}") from error
     stamps = first.run.frames.timestamp_s if first.run else first.trajectory.timestamps_s
     edges = [_verified(side, stamps) for side in (first, second)]
     return Comparison(

@@ -43,7 +43,7 @@ def figure_lines(
         try:
             lines.append(_line(name, evaluate(trajectory, first, protocol=protocol)))
         except MiniloopError as error:
-            raise MiniloopError(f"{source} cannot be laid over {sources[0]}: {error}") from error
+            raise MiniloopError(f"{source} cannot be aligned to {sources[0]}: {error}") from error
     return lines, None, DIFFERENCE
 
 

@@ -69,7 +69,7 @@ class Scene:
         return len(self.half_m) - 1
 
     def add_sphere(self, centre_m: Floats, radius_m: float, image: Bytes) -> None:
-        """Add a sphere at centre_m (3,); its texture (h, w, 3) is laid over longitude and latitude."""
+        """Add a sphere at centre_m (3,); its texture (h, w, 3) covers longitude and latitude."""
         x, y, z = map(float, centre_m)
         self.sphere.append((x, y, z, radius_m))
         self.sphere_texture.append(self.add_texture(image, image.shape[1] / (2 * np.pi * radius_m)))

@@ -1,1 +1,1 @@
-"""What makes an edge believed."""
+"""Checks that accept or reject an edge."""

@@ -1,8 +1,8 @@
 """Comparison of the small views of two scans that overlap under a relative pose.
 
-A relative pose can be wrong although many matches support it: a place looks similar, a poster hangs twice, somebody
-walks through the view. Then the rest of the two scans contradicts it: a surface of one scan is in front of what the
-other saw behind it, or two surfaces coincide and look different.
+A relative pose can be wrong although many matches support it: a place looks similar, the same poster hangs in two
+places, a person walks through the view. Then the rest of the two scans contradicts it: a surface of one scan is in
+front of what the other saw behind it, or two surfaces coincide and look different.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def test_what_cannot_be_drawn_is_said(files):
     assert CliRunner().invoke(cli, ["plot", str(files / "a"), "-o", str(files / "x.jpg")]).exit_code == 2
     later = Trajectory(9000.0 + np.arange(5), np.repeat(np.eye(4)[None], 5, axis=0))
     write_trajectory(files / "later.txt", later)
-    with pytest.raises(MiniloopError, match=r"later\.txt cannot be laid over"):
+    with pytest.raises(MiniloopError, match=r"later\.txt cannot be aligned to"):
         figure_lines([files / "a", files / "later.txt"], None)
     write_trajectory(files / "one.txt", Trajectory(later.timestamps_s[:1], later.T_world_cam[:1]))
     with pytest.raises(MiniloopError, match="at least 2"):

@@ -157,7 +157,7 @@ def test_what_cannot_be_compared_is_said(run, tmp_path):
         read_side(tmp_path / "empty", "b", data)
     later = Trajectory(9000.0 + np.arange(5), np.repeat(np.eye(4)[None], 5, axis=0))
     write_trajectory(tmp_path / "later.txt", later)
-    with pytest.raises(MiniloopError, match="later cannot be laid over"):
+    with pytest.raises(MiniloopError, match="later cannot be aligned to"):
         compare(
             read_side(run.results, "a"),
             type(read_side(run.results, "a"))("later", read_trajectory(tmp_path / "later.txt")),

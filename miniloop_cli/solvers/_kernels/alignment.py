@@ -6,7 +6,7 @@ equally valid and shares the error between two noisy points (measured in docs/so
 
 A frame is a row of 12 floats: the axes x, y, z of the rotation into it, then its origin. A rigid motion K is a tuple of
 12 floats: rotation row by row, then translation. Rotations about z are unit complex numbers (c, s).
-numba compiles a function anew for each literal number in a call. Frames are therefore rows of arrays, indexed before
+numba compiles a function again for each literal number in a call. Frames are therefore rows of arrays, indexed before
 the call, and no function here takes an index that callers would write as a literal.
 """
 

@@ -88,7 +88,7 @@ def _bracketed(a: Floats, n: int, lo: float, hi: float, f_lo: float) -> float:
 def _extrema(b: Floats, n: int, a: Floats, work: Floats, out: Floats) -> int:
     """Zeros in [-1, 1] of F' in ascending order; b: its n+1 Bernstein coefficients, a: its powers; returns how many.
 
-    `work` (DEPTH+2, >= n+3) is the stack of intervals still to be looked at: coefficients and, in the last two
+    `work` (DEPTH+2, >= n+3) is the stack of intervals not yet examined: coefficients and, in the last two
     columns, where it begins and its width.
     """
     count = 0
@@ -115,7 +115,7 @@ def _extrema(b: Floats, n: int, a: Floats, work: Floats, out: Floats) -> int:
             count += 1
             top -= 1
         else:
-            # The right half stays in place, the left half goes on top and is looked at first.
+            # The right half stays in place, the left half goes on top and is examined first.
             left = work[top + 1]
             for j in range(n + 1):
                 left[j] = row[0]
