@@ -1,7 +1,6 @@
 """Numbers with a unit that pages hold outside of marks: settings, limits and protocols, which limits.txt lists.
 
-A measured number belongs to results.json. The laboratory notes in docs/experiments describe the tables beside them, and
-are not read.
+A measured number belongs to results.json.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ LIMITS = Path(__file__).parents[1] / "limits.txt"
 CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 UNITS = "cm|mm|m|deg|degrees|°|s|ms|seconds|min|minutes|MB|GB|kB|KB|%|times"
 NUMBER = re.compile(rf"(?<![\w./^-])(\d[\d,]*(?:\.\d+)?)(?:-| ?)({UNITS})(?![\w/^])")
-NOT_READ = ("docs/experiments/", "docs/settings.md", "docs/licences.md")  # notes; made by scripts
+MADE = ("docs/settings.md", "docs/licences.md")  # by scripts
 
 
 def typed_numbers(text: str) -> Iterator[tuple[int, str]]:
@@ -31,7 +30,7 @@ def typed_numbers(text: str) -> Iterator[tuple[int, str]]:
 def check_typed_numbers() -> None:
     """Compare all pages with limits.txt. Raises FigureError as `compare`."""
     names = {page.relative_to(ROOT).as_posix(): page for page in pages()}
-    texts = {name: page.read_text(encoding="utf-8") for name, page in names.items() if not name.startswith(NOT_READ)}
+    texts = {name: page.read_text(encoding="utf-8") for name, page in names.items() if name not in MADE}
     lines = LIMITS.read_text(encoding="utf-8").split("\n")
     compare(texts, {line for line in lines if line and not line.startswith("#")})
 
