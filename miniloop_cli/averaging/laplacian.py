@@ -15,7 +15,7 @@ from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Floats, Ints
 
 DENSE_SCANS = 128
-"""Up to here a dense Cholesky factorisation is as fast, and nothing need be compiled."""
+"""Up to this size a dense Cholesky factorisation is as fast, and needs no compilation."""
 
 CG_STEPS = 300
 

@@ -23,7 +23,7 @@ from miniloop_cli.typing import Floats, Ints
 Near = tuple[float, float]
 
 LEVELS = 8
-"""Supports within a factor of two are one level; there, first come, first placed: shallow, so that drift is low."""
+"""Supports within a factor of two share a level, a first-in, first-out queue: the tree is shallow, drift low."""
 
 LOOPS = 12
 """The largest number of triangles of an edge that are examined."""

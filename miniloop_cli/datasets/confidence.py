@@ -91,7 +91,7 @@ def with_min_confidence(sequence: Sequence, least: int) -> Sequence:
     return replace(sequence, frames=frames, notes=tuple(maps.get(note, note) for note in sequence.notes))
 
 
-_SAID = " tells how far each depth reading is trusted: "
+_SAID = " holds the confidence of each depth reading: "
 
 
 def _note(where: str, least: int) -> Note:
