@@ -12,13 +12,11 @@ import numpy as np
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
 from miniloop_cli.datasets.own_cameras import with_camera
-from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined
-from miniloop_cli.refinement.two_cameras import DepthReader
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers, single_inner_threads
 from miniloop_cli.runtime.stopwatch import Stopwatch
-from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.priors import Priors
@@ -27,7 +25,6 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
-from miniloop_cli.stages.depth_reader import depth_reader
 from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
@@ -36,6 +33,7 @@ from miniloop_cli.stages.refine import refine
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_edges import solve_edges
 from miniloop_cli.stages.track import track
+from miniloop_cli.stages.two_cameras import asks_for_two_cameras, calibrate_two_cameras, with_cameras
 from miniloop_cli.tracking.all_frames import (
     in_frames,
     keyframes_only,
@@ -50,7 +48,6 @@ from miniloop_cli.verification.priors import apply_priors
 
 LOG = logging.getLogger("miniloop")
 NO_PRIORS = Priors()
-FRAMES_OF_TWO = 40  # frames that suffice to calibrate two cameras
 
 
 @single_inner_threads()
@@ -65,38 +62,19 @@ def register(
     if not asks_for_two_cameras(sequence, settings):
         return _register(sequence, settings, store, workers, seed, priors, watch)
     with watch.stage("two cameras"):
-        found = two_cameras(sequence, settings, store, workers, seed)
+
+        def alone(some: Sequence, asking: Settings, two: TwoCameras) -> Registration:
+            return _register(some, asking, store, workers, seed, NO_PRIORS, Stopwatch(), two)
+
+        found = calibrate_two_cameras(sequence, settings, workers, alone)
     if found is None or not found.changed:
         run = _register(sequence, settings, store, workers, seed, priors, watch)
         return replace(run, calibration=run.calibration or found)
-    sequence = replace(with_camera(sequence, found.camera), depth_camera=found.depth_camera)
+    sequence = with_cameras(sequence, found.camera, found.depth_camera)
     # Both were calibrated already; camera.yaml must not mix the values of two calibrations.
     known = settings.model_copy(update={"calibrate": "off"})
     run = _register(sequence, known, store, workers, seed, priors, watch)
     return replace(run, settings=settings, calibration=replace(found, beforehand=True))
-
-
-def asks_for_two_cameras(sequence: Sequence, settings: Settings) -> bool:
-    """Whether the depth camera of a recording is calibrated: if it is separate, and a guess (auto)."""
-    if sequence.depth_camera is None or settings.refine != "bundle":
-        return False
-    guess = sequence.depth_camera.camera.trust == Trust.GUESS
-    return settings.calibrate == "on" or (settings.calibrate == "auto" and guess)
-
-
-def two_cameras(
-    sequence: Sequence, settings: Settings, store: Store, workers: Workers, seed: int
-) -> Calibration | None:
-    """Calibration of colour and depth camera from evenly spaced frames; None if they cannot be registered."""
-    some = sequence.thinned(FRAMES_OF_TWO)
-    alone = settings.tracking.model_copy(update={"enabled": False})
-    asking = settings.model_copy(update={"calibrate": "on", "tracking": alone})
-    read_depth = depth_reader(some, settings.depth, workers)
-    try:
-        return _register(some, asking, store, workers, seed, NO_PRIORS, Stopwatch(), read_depth).calibration
-    except RegistrationError as error:
-        LOG.warning("the depth camera stays as it was given: %s", error)
-        return None
 
 
 def _register(
@@ -107,9 +85,9 @@ def _register(
     seed: int,
     priors: Priors,
     watch: Stopwatch,
-    read_depth: DepthReader | None = None,
+    two: TwoCameras | None = None,
 ) -> Registration:
-    """The stages; `read_depth`: for a separate depth camera that is calibrated."""
+    """The stages; `two`: for a separate depth camera that is calibrated."""
     run, estimation = Run(store, workers, seed), settings.estimation
     whole, of_whole, features = sequence, priors, settings.features
     with watch.stage("tracking"):
@@ -161,7 +139,7 @@ def _register(
             run,
             between,
             settings.calibrate,
-            read_depth,
+            two,
         )
     of_scans = refined.poses.of(tracked.keyframes) if tracked else refined.poses
     if settings.refine != "none":

@@ -48,6 +48,16 @@ class CameraParameters:
     theta: Floats
     middle_m: float
 
+    @classmethod
+    def between(cls, given: Camera, camera: Camera, of_depth_camera: Floats, middle_m: float) -> CameraParameters:
+        """Steps from one camera to another of the same lens model; `of_depth_camera` (8,): of the depth camera."""
+        focal, focal_y = np.log(camera.fx / given.fx), np.log(camera.fy / given.fy)
+        before, after = (cls(each, np.zeros(len(NAMES)), middle_m) for each in (given, camera))
+        lens = after.distortion - before.distortion if before.bends else np.zeros(len(DISTORTION))
+        depth = np.subtract(camera.depth_model.coefficients, given.depth_model.coefficients)
+        steps = [focal, focal_y - focal, camera.cx - given.cx, camera.cy - given.cy, *lens, *depth, *of_depth_camera]
+        return cls(given, np.array(steps), middle_m)
+
     @property
     def bends(self) -> bool:
         """Whether the coefficients of the lens are among the parameters."""

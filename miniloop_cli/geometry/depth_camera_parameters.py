@@ -33,6 +33,15 @@ def moved(own: Camera, T_color_depth: Floats, step: Floats) -> tuple[Camera, Flo
     return camera, se3.pose(turn @ T_color_depth[:3, :3], t)
 
 
+def steps_between(before: tuple[Camera, Floats], after: tuple[Camera, Floats]) -> Floats:
+    """Steps (8,) from one depth camera and its pose (4, 4) to another: the inverse of `moved`."""
+    (own, T), (now, T_now) = before, after
+    turn = se3.log_so3(T_now[:3, :3] @ T[:3, :3].T)
+    return np.array([
+        np.log(now.fx / own.fx), now.cx - own.cx, now.cy - own.cy, *turn, *(T_now[:2, 3] - T[:2, 3])
+    ])  # fmt: skip
+
+
 def reading_slopes(X: Floats, slope: Floats, color: Camera, own: Camera, T_color_depth: Floats) -> Floats:
     """Derivatives (8, k) of the readings of surface points X (k, 3) m, in the frame of colour, by the steps.
 

@@ -68,7 +68,8 @@ def self_calibrate(
     """The camera estimated from the measurements; None if there are too few of them.
 
     T_world_cam (n, 4, 4): poses adjusted with the given camera; `timing` is corrected along their path.
-    `two`: a separate depth camera, with which depth is read again after each fit.
+    `two`: a separate depth camera, with which depth is read again after each fit. If its parameters are named there,
+    they are fitted without a comparison of models, and the gain is 0.
     """
     part = tracked.subset(in_busiest_run(tracked.frame, MAX_FRAMES))
     part = part.subset(part.track % max(int(np.ceil(len(part.track) / MAX_OBSERVATIONS)), 1) == 0)
@@ -78,7 +79,10 @@ def self_calibrate(
     middle_m = camera.depth_model.middle_m if not camera.depth_model.exact else float(np.nanmedian(part.z_m))
     start = CameraParameters(camera, np.zeros(len(NAMES)), middle_m)
     fit = _Fit(T_world_cam, part, moving, timing, jobs, two)
-    model, gain, gain_sigma, T, parameters = _chosen(fit, start, rough)
+    if two and two.free:
+        model, gain, gain_sigma, T, parameters = numbers(*two.free), 0.0, 0.0, T_world_cam, start
+    else:
+        model, gain, gain_sigma, T, parameters = _chosen(fit, start, rough)
     sigma = fit.sigma(start)
     status = np.full(len(NAMES), int(Status.NO_GAIN))
     covariance = np.diag(sigma**2)

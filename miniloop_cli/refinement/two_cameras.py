@@ -39,6 +39,7 @@ class TwoCameras:
 
     given: DepthCamera
     read_depth: DepthReader
+    free: tuple[str, ...] = ()  # parameters that an earlier fit estimated: the model is no question any more
 
     def at(self, parameters: CameraParameters) -> DepthCamera:
         """The depth camera with the steps taken."""

@@ -12,6 +12,7 @@ from miniloop_cli.geometry import depth_model
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import DISTORTION, NAMES, OF_ONE_CAMERA, CameraParameters
 from miniloop_cli.geometry.depth_camera_parameters import NAMES as TWO
+from miniloop_cli.geometry.depth_camera_parameters import steps_between
 from miniloop_cli.scene.sequence import DepthCamera
 from miniloop_cli.typing import Floats, Ints
 
@@ -79,6 +80,26 @@ class Calibration:
     def changed(self) -> bool:
         """Whether anything was estimated."""
         return bool((self.status == Status.ESTIMATED).any())
+
+    @property
+    def as_given(self) -> tuple[Camera, DepthCamera | None]:
+        """The calibrated cameras, trusted as the given ones are: where another fit begins."""
+        own, given = self.depth_camera, self.depth_given
+        if own and given:
+            own = replace(own, camera=replace(own.camera, trust=given.camera.trust))
+        return replace(self.camera, trust=self.given.trust), own
+
+    def continues(self, first: Calibration) -> Calibration:
+        """This calibration relative to what `first` was given, if it began with the cameras that `first` estimated.
+
+        The model, and what it gains, are those of `first`.
+        """
+        of_depth = np.zeros(len(TWO))
+        if first.depth_given and (own := self.depth_camera):
+            given = first.depth_given
+            of_depth = steps_between((given.camera, given.T_color_depth), (own.camera, own.T_color_depth))
+        theta = CameraParameters.between(first.given, self.camera, of_depth, self.middle_m).theta
+        return replace(first, theta=theta, covariance=self.covariance, middle_m=self.middle_m)
 
     @property
     def sigmas(self) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from miniloop_cli.config import Bundle, Calibrate, Refinement
 from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
-from miniloop_cli.refinement.two_cameras import DepthReader, TwoCameras
+from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
@@ -35,15 +35,14 @@ def refine(
     run: Run,
     between: Between | None = None,
     calibrate: Calibrate = "auto",
-    read_depth: DepthReader | None = None,
+    two: TwoCameras | None = None,
 ) -> Refined:
     """Poses of the largest component, refined from the given ones with the edges used in it; the others are unchanged.
 
     `vertical`: from an accelerometer; the poses are then level, z up. `between`: of a whole recording, whose keyframes
     are the scans; then the poses are those of all its frames. `calibrate`: whether the camera is estimated;
-    `read_depth`: to estimate a separate depth camera as well.
+    `two`: to estimate a separate depth camera as well.
     """
-    depth_camera = scans.sequence.depth_camera
     inside = edges.subset(usable_edges(edges, len(scans)) & poses.joins(edges))
     inputs = Scans(
         scans.features,
@@ -53,7 +52,7 @@ def refine(
         scans.camera,
         scans.feature_type,
         vertical,
-        TwoCameras(depth_camera, read_depth) if read_depth and depth_camera else None,
+        two,
     )
     if method == "none" or not len(inside):
         from miniloop_cli.refinement.joint import level
@@ -97,7 +96,7 @@ def refine(
         bundle,
         between,
         *((scans.camera.trust,) if calibrated else ()),
-        *((depth_camera,) if inputs.two else ()),
+        *((two.given, two.free) if two else ()),
     )
     kept = run.store.cached(REFINED, key, make)
     timing = Timing(*kept["timing_s"].tolist())

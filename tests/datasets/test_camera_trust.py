@@ -15,13 +15,13 @@ from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, CameraParameters
 from miniloop_cli.geometry.lens import radial_tangential_lens
-from miniloop_cli.pipeline import asks_for_two_cameras
 from miniloop_cli.results.calibration import uncertainty
 from miniloop_cli.scene.calibration import Calibration, Status
 from miniloop_cli.scene.image_source import ImageSource
 from miniloop_cli.scene.sequence import Frame, Sequence
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
+from miniloop_cli.stages.two_cameras import asks_for_two_cameras
 
 DRIVER = Camera(525.0, 525.0, 319.5, 239.5, 640, 480)
 THETA = np.array([0.01, 0.002, 3.0, -2.0, 0.1, -0.2, 0.001, -0.002, 0.1, 0.004, -0.006, 0.01, 0.003, *[0.0] * 8])

@@ -111,6 +111,33 @@ def test_what_is_estimated_is_a_depth_camera():
     assert alone.depth_camera is None and not [v for v in alone.values() if v.name.startswith("depth_turn")]
 
 
+def test_steps_between_are_those_that_were_taken():
+    theta = np.zeros(len(NAMES))
+    theta[:OF_ONE_CAMERA] = [-0.1, 0.003, 4.0, -7.0, 0.1, -0.2, 0.001, -0.002, 0.05, 0.004, 0.002, -0.01, 0.003]
+    moved = OWN.moved(STEP)
+    given, now = (OWN.camera, OWN.T_color_depth), (moved.camera, moved.T_color_depth)
+    np.testing.assert_allclose(of_two.steps_between(given, now), STEP, atol=1e-12)
+    camera = CameraParameters(COLOR, theta, 2.0).camera
+    found = CameraParameters.between(COLOR, camera, STEP, 2.0)
+    np.testing.assert_allclose(found.theta, [*theta[:OF_ONE_CAMERA], *STEP], atol=1e-12)
+
+
+def test_a_second_fit_is_told_from_what_the_first_was_given():
+    status = np.where(np.arange(len(NAMES)) >= OF_ONE_CAMERA, int(Status.ESTIMATED), int(Status.NO_GAIN))
+    theta, more = np.zeros(len(NAMES)), np.zeros(len(NAMES))
+    theta[OF_ONE_CAMERA:], more[OF_ONE_CAMERA:] = STEP, 0.1 * STEP[::-1]
+    prior, surer = np.diag(prior_sigmas(COLOR, OWN.camera) ** 2), 1e-4 * np.eye(len(NAMES))
+    first = Calibration(COLOR, theta, prior, status, 2.0, 0.5, 0.1, 0.02, OWN)
+    color, own = first.as_given
+    assert color.trust == COLOR.trust and own.camera.trust == OWN.camera.trust
+    second = Calibration(color, more, surer, status, 2.0, 0.0, 0.0, 0.02, own)
+    both = second.continues(first)
+    np.testing.assert_allclose(both.depth_camera.T_color_depth, second.depth_camera.T_color_depth, atol=1e-12)
+    assert both.depth_camera.camera.fx == pytest.approx(second.depth_camera.camera.fx)
+    assert both.given == COLOR and both.depth_given == OWN and both.gain == 0.5
+    np.testing.assert_array_equal(both.covariance, surer)
+
+
 @pytest.mark.slow
 def test_both_cameras_are_found_within_what_is_promised():
     rng = np.random.default_rng(3)
