@@ -58,7 +58,9 @@ def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Se
 
 def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int, held: Bools | None = None) -> Floats:
     """The covariances (n, 6, 6), infinite for frames not joined to the fixed one, or to one that is `held` (n,)."""
-    untied = (anchor != fixed_frame) & ~(held[anchor] if held is not None else False)
+    untied = anchor != fixed_frame
+    if held is not None:
+        untied &= ~held[anchor]
     return np.where(untied[:, None, None], np.diag(np.full(6, np.inf)) if untied.any() else 0.0, covariance)
 
 

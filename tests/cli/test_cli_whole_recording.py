@@ -120,7 +120,7 @@ def test_black_broken_and_doubled_frames_are_told_apart(dense, shared):
     output = register(copy, shared / "of the damaged", shared / "cache of one", cwd=shared)
     frames, told = rows(output), summary(output)
     assert [k for k, row in enumerate(frames) if row["found_by"] == ""] == [black, broken]
-    assert frames[black]["status"] == "few_features" and "mean 0 of 255" in frames[black]["reason"]
+    assert frames[black]["status"] == "few_features" and "mean grey level 0 of 255" in frames[black]["reason"]
     assert frames[broken]["status"] == "unreadable" and f"frame {broken}" in frames[broken]["reason"]
     assert told["unreadable_frames"] == 1 and told["registered"] == FRAMES - 2 and told["components"] == 1
     poses = np.loadtxt(output / "trajectory.txt")

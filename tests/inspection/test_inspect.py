@@ -75,7 +75,7 @@ def test_a_sound_recording_raises_no_alarm(sequence):
 def test_depth_scale_is_judged_by_the_ground_truth(sequence):
     finding = codes(inspect_with(sequence, change=lambda d: 1.2 * d))["depth-scale"]
     assert finding.level == "problem" and "times those of the ground truth" in finding.message
-    assert float(finding.message.split("come out ")[1].split()[0]) == pytest.approx(1.2, rel=0.01)
+    assert float(finding.message.split("distances are ")[1].split()[0]) == pytest.approx(1.2, rel=0.01)
     assert int(finding.advice.split("about ")[1].split()[0]) == pytest.approx(6000, rel=0.01)
 
 

@@ -118,7 +118,7 @@ def test_a_black_frame_is_blank_and_its_neighbours_go_on(frames, truth):
     middle, none = N // 2, np.zeros((120, 160), np.uint16)
     black = frame(middle, np.zeros((120, 160, 3), np.uint8), none)
     part = tracked([*frames[:middle], black, *frames[middle + 1 :]])
-    assert part.status[middle] == BLANK and "mean 0 of 255" in part.problem[middle]
+    assert part.status[middle] == BLANK and "mean grey level 0 of 255" in part.problem[middle]
     assert (part.status == BLANK).sum() == 1 and part.key[middle] == -1
     assert (np.delete(part.key, middle)[1:] >= 0).all()
     assert not (part.arrays()["seen_frame"] == middle).any()

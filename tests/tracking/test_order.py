@@ -73,7 +73,7 @@ def test_exchanged_images_of_a_recording(frames, truth):
     found = tracked(swapped)
     assert np.isfinite(followed_path(found)).all()
     (note,) = notes_on_order(found)
-    assert note.text.startswith("2 times") and "(the first: 10 and 11)" in note.text
+    assert note.text.startswith("2 pairs") and "(the first: 10 and 11)" in note.text
     assert note.kind == NoteKind.CONTRADICTED  # 4 of 40 frames
     assert not notes_on_order(tracked(frames))
 
