@@ -10,11 +10,14 @@ Gao, Kyng & Spielman, "Robust and practical solution of Laplacian equations by a
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
-Factor = tuple[Ints, Ints, Ints, Floats, Floats]
+Scans32 = NDArray[np.uint32]
+Singles = NDArray[np.float32]
+Factor = tuple[Scans32, Ints, Scans32, Singles, Singles]
 """`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (scans), `value`; `D` (n,).
 
 Rows are scans, not places in the order: those that follow each other in time lie near each other in memory.
@@ -153,7 +156,7 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats) -> None:
+def apply(order: Scans32, start: Ints, row: Scans32, value: Singles, D: Singles, r: Floats, z: Singles) -> None:
     """z = inverse of L D L' times r, both (n, 3), up to a constant; z in single precision."""
     n = len(order)
     for v in range(n):

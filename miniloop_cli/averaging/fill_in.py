@@ -35,7 +35,7 @@ def factor_work(count: int, pairs: Ints, allowed: float) -> float:
 
 
 def foretold_work(count: int, pairs: Ints) -> float:
-    """About the multiplications that the widest front takes, by the sampled elimination's widest column."""
+    """About the multiplications that the widest front of `count` scans, pairs (m, 2), takes: by the widest column."""
     start = eliminate(count, pairs, np.ones(len(pairs)), np.random.default_rng(0).random(99991))[1]
     front = (float(np.diff(start).max()) / 1.5) ** 2 / 2
     return front**3 / 6

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.averaging.approximate_cholesky import Factor, apply, eliminate
+from miniloop_cli.averaging.approximate_cholesky import Factor, Scans32, Singles, apply, eliminate
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import adjacency, components
 from miniloop_cli.typing import Floats, Ints
@@ -49,6 +49,7 @@ class Differences:
             self.start, neighbour, edge = adjacency(count, self.pairs)
             self.neighbour, self.edge = neighbour.astype(np.uint32), edge.astype(np.uint32)  # half the memory to read
             self.factor: Factor | None = None
+            self.late = self.steps_a_digit = 0.0  # steps beyond the usual since the factor was made; the usual ones
             self.uniform = np.random.default_rng(0).random(99991)
 
     def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
@@ -62,7 +63,7 @@ class Differences:
             i, j = self.pairs.T
             wd = weights * d.T
             b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
-            degree = np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count)
+            degree = np.asarray(np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count), float)
             x = self._dense(weights, degree, b)
         else:
             weights = weights[self.by_scan] / weights.max()  # the factor is in single precision, whose range is small
@@ -134,14 +135,14 @@ def right_side(count: int, pairs: Ints, rows: Ints, weights: Floats, d: Floats) 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def conjugate_gradients(
     first: Ints,
-    neighbour: Ints,
+    neighbour: Scans32,
     weight: Floats,
     degree: Floats,
-    order: Ints,
+    order: Scans32,
     start: Ints,
-    row: Ints,
-    value: Floats,
-    D: Floats,
+    row: Scans32,
+    value: Singles,
+    D: Singles,
     b: Floats,
     tolerance: float,
     most: int,
