@@ -47,6 +47,7 @@ AVERAGING = Benchmark(
         "edges",
         "outliers",
         "seconds",
+        cpu_seconds="CPU s",
         rotation_seconds="rotation s",
         rot_err_deg_median="median deg",
         rot_err_deg_mean="mean deg",

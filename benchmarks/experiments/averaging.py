@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -52,12 +53,14 @@ def graph_rows(
 ) -> list[Row]:
     """One row for miniloop on a view graph, and with `peers` one for each peer installed.
 
-    Times are wall-clock seconds with everything compiled; `peak_mb` is the process's largest resident memory so far,
-    graph and interpreter included. Errors are of the scans' poses after the best alignment with the true ones.
+    Times are wall-clock seconds with everything compiled, and CPU seconds of both averagings; `load`: the system's load
+    average before, None where it tells none; `peak_mb`: the process's largest resident memory so far, graph and
+    interpreter included. Errors are of the scans' poses after the best alignment with the true ones.
     """
     graph = view_graph(kind, scans, edges, outliers, noise_deg, noise_m, np.random.default_rng(seed))
     head: Row = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
     head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed}
+    head |= {"load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None}
     rows = [head | {"method": "miniloop"} | measure_miniloop(graph)]
     if peers:
         from benchmarks.experiments.peers.averaging import installed
@@ -68,13 +71,18 @@ def graph_rows(
 
 def measure_miniloop(graph: ViewGraph) -> Row:
     """Both averagings; translations take edges by how well their rotations agree, as the pipeline does."""
-    start = time.perf_counter()
+    start, before = time.perf_counter(), time.process_time()
     rotations = average_rotations(len(graph.T_world_cam), graph.pairs, graph.T_j_i[:, :3, :3])
     middle = time.perf_counter()
     weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
     translations = average_translations(rotations.R_world_cam, graph.pairs, graph.T_j_i[:, :3, 3], weights)
-    end = time.perf_counter()
-    row: Row = {"seconds": end - start, "rotation_seconds": middle - start, "translation_seconds": end - middle}
+    end, cpu_s = time.perf_counter(), time.process_time() - before
+    row: Row = {
+        "seconds": end - start,
+        "cpu_seconds": cpu_s,
+        "rotation_seconds": middle - start,
+        "translation_seconds": end - middle,
+    }
     row |= errors(graph, rotations.R_world_cam, translations.t_world_cam)
     row |= {"peak_mb": _peak_mb(), "converged": rotations.converged and translations.converged}
     return row | {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
@@ -83,7 +91,7 @@ def measure_miniloop(graph: ViewGraph) -> Row:
 def measure_peer(graph: ViewGraph, solve: Callable[[ViewGraph], tuple[Floats, float]]) -> Row:
     """A peer's rotations: `solve` gives them with the seconds of its own call, without the setting up."""
     R_world_cam, seconds = solve(graph)
-    row: Row = {"seconds": seconds, "rotation_seconds": seconds, "translation_seconds": None}
+    row: Row = {"seconds": seconds, "cpu_seconds": None, "rotation_seconds": seconds, "translation_seconds": None}
     return row | errors(graph, R_world_cam, None) | {"peak_mb": _peak_mb(), "converged": None}
 
 

@@ -28,6 +28,7 @@ METHODS = {
     "pycolmap": "pycolmap SfM, colour only, true scale given",
 }
 TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
+    "averaging": ("averaging.scale", "Averaging of ever larger view graphs", sections.averaging_scale),
     "whole": ("whole.recordings", "Whole recordings", sections.whole_recordings),
     "growth": ("growth.rooms", "Walks through many rooms", sections.growth),
 }
@@ -65,7 +66,11 @@ def _lines(path: str) -> list[str]:
 
 def loads(results: Path) -> str:
     """How busy the machine was with other things."""
-    found = [read(path)["load_before"] for path in sorted(results.rglob("*.usage.json"))]
+    return _busy([read(path)["load_before"] for path in sorted(results.rglob("*.usage.json"))])
+
+
+def _busy(found: Sequence[float]) -> str:
+    """The load averages before some runs, in words."""
     if not found:
         return ""
     mean = sum(found) / len(found)
@@ -92,10 +97,10 @@ def record(sequences: Sequence[Path], results: Path) -> None:
 
 
 def record_rows(name: str, rows: Sequence[Json]) -> None:
-    """Put the table of `whole` or `growth` into results.json, and bring the pages up to date."""
+    """Put the table of NAME, a key of TABLES, into results.json, and bring the pages up to date."""
     key, what, make = TABLES[name]
     figures = load()
-    note_run(figures, name, f"python -m benchmarks {name}")
+    note_run(figures, name, f"python -m benchmarks {name}", _busy([row["load"] for row in rows if row.get("load")]))
     put_table(figures, key, what, make(rows))
     save(figures)
     update(figures, check=False)

@@ -113,6 +113,17 @@ def averaging(found: Sequence[Json]) -> Table:
     return head, rows
 
 
+def averaging_scale(found: Sequence[Json]) -> Table:
+    """View graphs of growing size: what miniloop takes for them."""
+    head = ["graph", "CPU s", "wall s", "rotation deg, median", "mean", "position m, median", "peak MB"]
+    keys = ("cpu_seconds", "seconds", "rot_err_deg_median", "rot_err_deg_mean", "trans_err_median")
+    rows = []
+    for row in found:
+        graph = f"{row['kind']}, {row['scans']} scans, {row['edges']} edges, {100 * row['outliers']:g} % outliers"
+        rows.append([graph, *(row[key] for key in keys), round(row["peak_mb"])])
+    return head, rows
+
+
 def ablation(found: Json) -> Table:
     """What each step is worth."""
     keys = {

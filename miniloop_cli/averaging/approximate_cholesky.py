@@ -10,15 +10,19 @@ by approximate elimination", 2023.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Ints
 
-Factor = tuple[Ints, Ints, Ints, Floats, Floats]
+Scans32 = NDArray[np.uint32]
+Singles = NDArray[np.float32]
+Factor = tuple[Scans32, Ints, Scans32, Singles, Singles]
 """`order` (n,) scans as eliminated; column c of L: `start` (n+1,), `row` (scans), `value`; `D` (n,).
 
 Rows are scans, not places in the order: those that follow each other in time lie near each other in memory.
-`row` has 32 bits, `value` single precision."""
+`order` and `row` are unsigned with 32 bits, `value` and `D` in single precision: a preconditioner needs few digits, and
+what it costs is the reading of memory."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -50,8 +54,8 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     """
     m = len(pairs)
     # Half-edge 2e lies in the list of pairs[e, 0] and leads to pairs[e, 1]; 2e + 1 the other way. -1: gone.
-    to, value = np.empty(2 * m, dtype=np.int64), np.empty(2 * m)
-    following, head = np.empty(2 * m, dtype=np.int64), np.full(count, -1)
+    to, value = np.empty(2 * m, dtype=np.int32), np.empty(2 * m)
+    following, head = np.empty(2 * m, dtype=np.int32), np.full(count, -1)
     degree = np.zeros(count, dtype=np.int64)
     for h in range(2 * m):
         v = pairs[h >> 1, h & 1]
@@ -64,9 +68,9 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
     for v in range(count):
         _put(v, min(degree[v], buckets - 1), first, after, before, bucket)
 
-    order = np.empty(count, dtype=np.int64)
-    start, D = np.zeros(count + 1, dtype=np.int64), np.zeros(count)
-    row, entry = np.empty(4 * m + count, dtype=np.int64), np.empty(4 * m + count)
+    order = np.empty(count, dtype=np.uint32)
+    start, D = np.zeros(count + 1, dtype=np.int64), np.zeros(count, dtype=np.float32)
+    row, entry = np.empty(2 * m + count, dtype=np.uint32), np.empty(2 * m + count, dtype=np.float32)
     mark = np.full(count, -1)
     near = np.empty(count, dtype=np.int64)
     suffix = np.empty(count + 1)
@@ -109,7 +113,8 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
         at = start[step]
         start[step + 1] = at + k
         if at + k > len(row):
-            more_row, more_entry = np.empty(2 * (at + k), dtype=np.int64), np.empty(2 * (at + k))
+            room = (at + k) * 5 // 4
+            more_row, more_entry = np.empty(room, dtype=np.uint32), np.empty(room, dtype=np.float32)
             for a in range(at):
                 more_row[a], more_entry[a] = row[a], entry[a]
             row, entry = more_row, more_entry
@@ -147,13 +152,12 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
                 _put(u, d, first, after, before, bucket)
                 lowest = min(lowest, d)
     total = start[count]
-    # A preconditioner needs few digits, and single precision halves the memory traffic of each iteration.
-    return order, start, row[:total].astype(np.int32), entry[:total].astype(np.float32), D
+    return order, start, row[:total].copy(), entry[:total].copy(), D
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floats, z: Floats) -> None:
-    """z = inverse of L D L' times r, both (n, 3), up to a constant."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def apply(order: Scans32, start: Ints, row: Scans32, value: Singles, D: Singles, r: Floats, z: Singles) -> None:
+    """z = inverse of L D L' times r, both (n, 3), up to a constant; z in single precision."""
     n = len(order)
     for v in range(n):
         z[v, 0], z[v, 1], z[v, 2] = r[v, 0], r[v, 1], r[v, 2]
@@ -167,7 +171,7 @@ def apply(order: Ints, start: Ints, row: Ints, value: Floats, D: Floats, r: Floa
             z[u, 2] += f * z2
     for c in range(n - 1, -1, -1):
         v = order[c]
-        s = 1 / D[c] if D[c] > 0 else 0.0
+        s = np.float32(1 / D[c]) if D[c] > 0 else np.float32(0)
         z0, z1, z2 = s * z[v, 0], s * z[v, 1], s * z[v, 2]
         for a in range(start[c], start[c + 1]):
             u, f = row[a], value[a]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.averaging.approximate_cholesky import Factor, apply, eliminate
+from miniloop_cli.averaging.approximate_cholesky import Factor, Scans32, Singles, apply, eliminate
 from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.scene.view_graph import adjacency
+from miniloop_cli.scene.view_graph import adjacency, components
 from miniloop_cli.typing import Floats, Ints
 
 DENSE_SCANS = 128
@@ -23,7 +23,10 @@ INEXACT = 0.03
 """Tolerance of `solve` for one of several reweighted steps: the next one mends what is left."""
 
 STALE_STEPS = 20
-"""Steps with an old factor that cost about as much as a new one."""
+"""Steps, beyond those with a new factor, that cost about as much as a new one."""
+
+LIGHT = 1e-3
+"""Of the median weight: lighter edges, such as false ones, take no part in the factor, which they would fill."""
 
 WEIGHT_RANGE = 1e10
 """Weights below the largest by more are raised to this, or the equations would lose their digits."""
@@ -40,9 +43,13 @@ class Differences:
     def __init__(self, count: int, pairs: Ints) -> None:
         self.count, self.pairs = count, pairs
         if count > DENSE_SCANS:
-            self.start, neighbour, edge = adjacency(count, pairs)
-            self.neighbour, self.edge = neighbour.astype(np.int32), edge.astype(np.int32)  # half the memory traffic
+            # In the order of their scans, edges that are read one after the other lie near each other in memory.
+            self.by_scan = np.lexsort((pairs[:, 1], pairs[:, 0]))
+            self.pairs = pairs[self.by_scan]
+            self.start, neighbour, edge = adjacency(count, self.pairs)
+            self.neighbour, self.edge = neighbour.astype(np.uint32), edge.astype(np.uint32)  # half the memory traffic
             self.factor: Factor | None = None
+            self.late = self.steps_a_digit = 0.0  # steps beyond the usual since the factor was made; the usual ones
             self.uniform = np.random.default_rng(0).random(99991)
 
     def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
@@ -51,12 +58,17 @@ class Differences:
         `weights` (m,) not negative, `d` (m, 3). Large graphs: conjugate gradients, stopped when the error in the energy
         norm has fallen by about `tolerance`.
         """
-        i, j = self.pairs.T
         weights = np.maximum(weights, weights.max(initial=0.0) / WEIGHT_RANGE)
-        wd = weights * d.T
-        b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
-        degree = np.asarray(np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count), float)
-        x = self._dense(weights, degree, b) if self.count <= DENSE_SCANS else self._cg(weights, degree, b, tolerance)
+        if self.count <= DENSE_SCANS:
+            i, j = self.pairs.T
+            wd = weights * d.T
+            b = np.stack([np.bincount(i, c, self.count) - np.bincount(j, c, self.count) for c in wd], axis=1)
+            degree = np.asarray(np.bincount(i, weights, self.count) + np.bincount(j, weights, self.count), float)
+            x = self._dense(weights, degree, b)
+        else:
+            weights = weights[self.by_scan] / weights.max()  # the factor is in single precision, whose range is small
+            b, degree = right_side(self.count, self.pairs, self.by_scan, weights, d)
+            x = self._cg(weights, degree, b, tolerance)
         return x - x[0]
 
     def _dense(self, weights: Floats, degree: Floats, b: Floats) -> Floats:
@@ -71,13 +83,31 @@ class Differences:
         return x
 
     def _cg(self, weights: Floats, degree: Floats, b: Floats, tolerance: float) -> Floats:
-        """Preconditioned by the factor of earlier weights while that suffices, else by a new one."""
+        """Preconditioned by the factor of earlier weights until its extra steps cost as much as a new one."""
+        digits = -np.log10(tolerance)
         if self.factor is not None:
-            x, steps = self._iterated(self.factor, weights, degree, b, tolerance, STALE_STEPS)
-            if steps < STALE_STEPS:
+            usual = self.steps_a_digit * digits
+            most = int(usual) + STALE_STEPS
+            x, steps = self._iterated(self.factor, weights, degree, b, tolerance, most)
+            self.late += steps - usual
+            if steps < most:
+                self.factor = None if self.late > STALE_STEPS else self.factor
                 return x
-        self.factor = eliminate(self.count, self.pairs, weights, self.uniform)
-        return self._iterated(self.factor, weights, degree, b, tolerance, CG_STEPS)[0]
+        for light in (LIGHT, 0.0):
+            self.factor, self.late = self._factor(weights, light), 0.0
+            x, steps = self._iterated(self.factor, weights, degree, b, tolerance, CG_STEPS)
+            if steps < CG_STEPS:
+                break
+        self.steps_a_digit = steps / digits
+        return x
+
+    def _factor(self, weights: Floats, light: float) -> Factor:
+        """Of the edges that are not light, and of those that join parts that nothing else joins."""
+        used = weights > light * np.median(weights)
+        if not used.all():
+            part = components(self.count, self.pairs[used])
+            used |= part[self.pairs[:, 0]] != part[self.pairs[:, 1]]
+        return eliminate(self.count, self.pairs[used], weights[used], self.uniform)
 
     def _iterated(
         self, factor: Factor, weights: Floats, degree: Floats, b: Floats, tolerance: float, most: int
@@ -88,24 +118,38 @@ class Differences:
         return conjugate_gradients(first, neighbour, weight, degree, order, start, row, value, D, b, tolerance, most)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def right_side(count: int, pairs: Ints, rows: Ints, weights: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """b = A' W d (n, 3), and the sums of the weights at each scan (n,); d of edge e is row rows[e]."""
+    b, degree = np.zeros((count, 3)), np.zeros(count)
+    for e in range(len(pairs)):
+        i, j, row, w = pairs[e, 0], pairs[e, 1], rows[e], weights[e]
+        degree[i] += w
+        degree[j] += w
+        for c in range(3):
+            b[i, c] += w * d[row, c]
+            b[j, c] -= w * d[row, c]
+    return b, degree
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def conjugate_gradients(
     first: Ints,
-    neighbour: Ints,
+    neighbour: Scans32,
     weight: Floats,
     degree: Floats,
-    order: Ints,
+    order: Scans32,
     start: Ints,
-    row: Ints,
-    value: Floats,
-    D: Floats,
+    row: Scans32,
+    value: Singles,
+    D: Singles,
     b: Floats,
     tolerance: float,
     most: int,
 ) -> tuple[Floats, int]:
     """x (n, 3) with Laplacian x = b, column by column, preconditioned by the factor (order .. D); number of steps."""
     n = len(b)
-    x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3))
+    x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3), dtype=np.float32)
     p, Lp = np.zeros((n, 3)), np.empty((n, 3))
     alpha, beta, rz, enough = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for step in range(most + 1):

@@ -7,6 +7,7 @@ import logging
 import numpy as np
 
 from miniloop_cli.averaging.certificate import Bound, bound, escaped
+from miniloop_cli.averaging.fill_in import factor_work
 from miniloop_cli.averaging.quadratic_form import EdgeWeights, QuadraticForm
 from miniloop_cli.averaging.stiefel import cost, minimise
 from miniloop_cli.config import Averaging
@@ -14,11 +15,9 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.scene.certificate import Certificate
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses, usable_edges
-from miniloop_cli.scene.view_graph import elimination
 from miniloop_cli.typing import Floats, Ints
 
 LOG = logging.getLogger("miniloop")
-MOST_SCANS = 20_000  # of a component
 MOST_WORK = 3e8  # multiplications of a factor with one row a scan; with four rows it takes ten seconds
 LOWER = 0.999  # of the cost: another minimum is better if it is below
 
@@ -36,8 +35,12 @@ def prove_optimum(poses: Poses, edges: EdgeTable, settings: Averaging) -> tuple[
         scans = np.flatnonzero(poses.component == number)
         inside = used & (poses.component[edges.i] == number)
         pairs = np.searchsorted(scans, edges.pairs[inside])
-        if len(scans) > MOST_SCANS or elimination(len(scans), pairs)[1] > MOST_WORK:
-            problem = f"{len(scans)} scans and {len(pairs)} edges are too many to prove it"
+        work = factor_work(len(scans), pairs, MOST_WORK)
+        if work > MOST_WORK:
+            problem = (
+                f"{len(scans)} scans and {len(pairs)} edges hang together too closely to prove it: the proof takes "
+                f"{work / MOST_WORK:.2g} times the work that it may take"
+            )
             return poses, Certificate(False, float("nan"), poses, problem=problem)
         graph = _Component(pairs, edges.T_j_i[inside], edges.information[inside], settings)
         begun, optimum[scans], found = graph.proven(T[scans])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from miniloop_cli.typing import Bools, Floats, Ints
 
 Part = TypeVar("Part")
 _CHUNKS = 8  # fixed, with the bound on their bytes, so that the order of sums does not depend on the number of jobs
-_CHUNK_BYTES = 1 << 28
+_CHUNK_BYTES = 1 << 27
 _TIE = 1e-8  # damping of a covariance, so that a direction without measurements is not singular
 _LEAST_LEFT = 1e-5  # of the information on a pose: with less, it comes from a single part of the image
 
@@ -84,13 +85,19 @@ class Bundle:
         return pose(self.state.R, self.state.t + self.origin)
 
     def propose(self, damping: float) -> tuple[float, float]:
-        S, g, L = self.reduced(self.tracks, self.state.seen, damping)
-        S[lost(S, len(g))] = np.eye(6)  # these do not move
-        self._proposal = self.moved(self.state.seen, self.system.solve(S, -g), L)
+        self._proposal = self.state  # free the memory of a rejected proposal
+        step, L = self._step(damping)
+        self._proposal = self.moved(self.state.seen, step, L)
         return self.state.cost, self._proposal.cost
 
     def accept(self) -> None:
         self.state = self._proposal
+
+    def _step(self, damping: float) -> tuple[Floats, Floats]:
+        """The step of the poses (n, 6), and the factors of the points' blocks as `reduced` gives them."""
+        S, g, L = self.reduced(self.tracks, self.state.seen, damping)
+        S[lost(S, len(g))] = np.eye(6)  # they stay
+        return self.system.solve(S, -g), L
 
     def reduced(self, tracks: TrackRows, seen: PointEquations, damping: float) -> tuple[Floats, Floats, Floats]:
         """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system: these rows, and all pose terms.
@@ -131,8 +138,8 @@ class Bundle:
 
         def without(number: int) -> tuple[Floats, Bools]:
             """The step (n, 6) of the poses without a part, and which are unknown then (n,)."""
-            kept = part != number
-            S, g, _ = self.reduced(self.tracks.subset(kept), self.state.seen.subset(kept), _TIE)
+            with self.state.seen.silent(np.flatnonzero(part == number)) as seen:
+                S, g, _ = self.reduced(self.tracks, seen, _TIE)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
             group = components(n, self.pairs[S[n:].any(axis=(1, 2))])
@@ -167,9 +174,18 @@ class Bundle:
         return self.at(R_new, t + np.einsum("nij,nj->ni", R, step[:, 3:]), X_new)
 
     def _in_chunks(self, work: Callable[[int, int], Part]) -> Iterator[Part]:
-        """The results of `work` for each chunk of tracks, in order; each is freed once it is consumed."""
+        """The results of `work` for each chunk of tracks, in order; each is freed once it is consumed.
+
+        At most `jobs` chunks are in work or wait to be consumed, as each can hold hundreds of megabytes.
+        """
         if self.jobs == 1:
             yield from (work(low, high) for low, high in self._bounds)
             return
+        ahead = deque[Future[Part]]()
         with ThreadPoolExecutor(self.jobs) as pool:
-            yield from pool.map(lambda bounds: work(*bounds), self._bounds)
+            for low, high in self._bounds:
+                if len(ahead) == self.jobs:
+                    yield ahead.popleft().result()
+                ahead.append(pool.submit(work, low, high))
+            while ahead:
+                yield ahead.popleft().result()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from miniloop_cli.refinement.robust import weight_and_curvature
 from miniloop_cli.refinement.terms import NEAR_M, PointTerm
 from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.typing import Bools, Floats
+from miniloop_cli.typing import Bools, Floats, Ints
 
 LEAST_CURVATURE = 0.25  # of the weights': for large residuals, the curvature of the kernels is too small or negative
 
@@ -25,6 +26,16 @@ class PointEquations(NamedTuple):
     def subset(self, kept: Bools) -> PointEquations:
         """Those of the rows that are kept (k,)."""
         return PointEquations(np.ascontiguousarray(self.p_cam[:, kept]), self.gradient[kept], self.hessian[kept])
+
+    @contextmanager
+    def silent(self, rows: Ints) -> Iterator[PointEquations]:
+        """These equations while some rows say nothing: of a long recording, a copy would be hundreds of megabytes."""
+        gradient, hessian = self.gradient[rows], self.hessian[rows]
+        self.gradient[rows], self.hessian[rows] = 0.0, 0.0
+        try:
+            yield self
+        finally:
+            self.gradient[rows], self.hessian[rows] = gradient, hessian
 
 
 def point_equations(

@@ -15,6 +15,14 @@ ROOT = Path(__file__).parents[2]
 WHOLE = {"sequence": "room", "frames": 300, "program": "miniloop register", "poses": 299, "ate_cm": 0.5}
 WHOLE |= {"rpe_deg": 0.25, "rpe_cm": 0.3, "cpu_s": 31.2, "wall_s": 21.6, "peak_mb": 500.4, "said": ""}
 GROWTH = {"frames": 1000, "rooms": 2, "poses": 1000, "ate_cm": 0.53, "cpu_ms": 25.0, "wall_ms": 40.0, "peak_mb": 500.0}
+AVERAGING = {"kind": "video", "scans": 100, "edges": 500, "outliers": 0.05, "cpu_seconds": 1.5, "seconds": 2.5}
+AVERAGING |= {
+    "rot_err_deg_median": 0.5,
+    "rot_err_deg_mean": 0.6,
+    "trans_err_median": 0.02,
+    "peak_mb": 300.0,
+    "load": 3.0,
+}
 GROWTH |= {"loops": 17, "found_share": 0.94, "between": 0, "between_share": None}
 
 
@@ -100,14 +108,16 @@ def test_rows_of_a_command_become_a_table(tmp_path, monkeypatch):
     monkeypatch.setattr(store.load, "__defaults__", (path,))
     monkeypatch.setattr(store.save, "__defaults__", (path,))
     monkeypatch.setattr("benchmarks.side_by_side.report.update", lambda figures, check: [])
-    for name, row in (("whole", WHOLE), ("growth", GROWTH)):
+    for name, row in (("whole", WHOLE), ("growth", GROWTH), ("averaging", AVERAGING)):
         (tmp_path / "rows.json").write_text(json.dumps({"rows": [row]}))
         done = CliRunner().invoke(benchmarks, ["record", name, str(tmp_path / "rows.json")])
         assert done.exit_code == 0, done.output
     found = load(path)
     assert "| room, 300 frames: miniloop register | 299 | 0.50 | 0.25 |" in found.table("whole.recordings")
     assert "| 17 | 94% | 0 | - |" in found.table("growth.rooms")
-    assert found.runs["growth"]["command"] == "python -m benchmarks growth"
+    assert found.runs["growth"]["command"] == "python -m benchmarks growth" and "note" not in found.runs["growth"]
+    assert "| video, 100 scans, 500 edges, 5 % outliers | 1.50 | 2.50 | 0.50 |" in found.table("averaging.scale")
+    assert "mean 3.0" in found.runs["averaging"]["note"]
 
 
 def test_no_measured_figure_of_the_readme_is_typed():
