@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,3 +60,9 @@ def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches
     known, chains = matches_of_points(points, first_feature)
     strength = [KNOWN] * len(known) + [float(len(rows)) for rows in matches]
     return build_tracks(first_feature, np.concatenate([known, pairs.reshape(-1, 2)]), [*chains, *matches], strength)
+
+
+def agreeing(tracks: Tracks, points: MapPoints, first_feature: Ints) -> Tracks:
+    """The tracks without observations that contradict the points which were made of them."""
+    kept = points.of_feature[first_feature[tracks.frame] + tracks.feature] >= 0
+    return replace(tracks, frame=tracks.frame[kept], track=tracks.track[kept], feature=tracks.feature[kept])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.artifact_store import content_fingerprint
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.thumbnail import View
@@ -53,6 +54,11 @@ class MapPart:
         """(k, 4, 4) poses of the keyframes, in the recording's own world."""
         return self.T_world_cam[self.keyframe]
 
+    @cached_property
+    def contents(self) -> tuple[str, ...]:
+        """Of each keyframe a hash of its features."""
+        return tuple(content_fingerprint([f.px_ideal, f.z_m, f.descriptors]) for f in self.features)
+
 
 @dataclass(frozen=True)
 class MapPoints:
@@ -83,8 +89,9 @@ class Joined:
     share one world, 0 the piece of most keyframes. `solved`: for each pair of recordings the edges between their
     keyframes as they were solved, numbered within the two, those of the first recording before those of the second.
     `edges`: those between recordings that the poses rest on, numbered through the map. `doubts`: what speaks against
-    how recordings lie to each other, in sentences. `certified`: whether no other arrangement of the edges of recordings
-    that are joined is better, and by what share of the cost at most: `relative_gap`, infinite where it is not known.
+    how recordings lie to each other, in sentences; `notes`: what else is to be known of that. `certified`: whether no
+    other arrangement of the edges of recordings that are joined is better, and by what share of the cost at most:
+    `relative_gap`, infinite where it is not known.
     """
 
     T_world_cam: Floats
@@ -95,6 +102,7 @@ class Joined:
     landmarks: MapPoints
     retrieval: Retrieval
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     certified: bool = False
     relative_gap: float = float("inf")
 

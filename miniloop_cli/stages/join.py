@@ -13,7 +13,7 @@ from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
 from miniloop_cli.mapping.retrieval import index
-from miniloop_cli.mapping.tracks import matched_again, near_pairs
+from miniloop_cli.mapping.tracks import agreeing, matched_again, near_pairs
 from miniloop_cli.refinement.inputs import Scans
 from miniloop_cli.refinement.joint import untied
 from miniloop_cli.refinement.tracks import Tracks, build_tracks
@@ -23,7 +23,8 @@ from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import Joined, MapPart, SceneMap, first_keyframes, recording_of_keyframes
 from miniloop_cli.stages.artifacts import JOINED
-from miniloop_cli.stages.keyframes import common_scans, photometric_check
+from miniloop_cli.stages.average import photometric_check
+from miniloop_cli.stages.keyframes import common_scans
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
@@ -44,7 +45,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     scans = common_scans(parts)
     edges = as_one_table([len(part) for part in parts], [part.edges for part in parts], solved)
     looks = settings.averaging.min_photo_consistency > 0
-    photometric = photometric_check(parts, scans, settings, run) if looks else None
+    photometric = photometric_check(scans, settings.ransac, settings.verification.chi2, run) if looks else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
     poses, _ = prove_optimum(poses, edges, settings.averaging)
     of_part = recording_of_keyframes(parts)
@@ -60,6 +61,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
     tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
+    tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
     for together in np.flatnonzero(np.bincount(piece) > 1):
         inside = piece[of_part] == together
         if settings.refine == "bundle":

@@ -16,7 +16,9 @@ from miniloop_cli.mapping.adjustment import (
     known_points,
     surprise,
 )
-from miniloop_cli.mapping.tracks import extended_tracks, matches_of_points
+from miniloop_cli.mapping.landmarks import landmarks
+from miniloop_cli.mapping.tracks import agreeing, extended_tracks, matches_of_points
+from miniloop_cli.scene.points import scan_points
 from miniloop_cli.stages.keyframes import common_scans
 
 SAME = np.repeat(np.arange(120)[:, None], 2, axis=1)  # every keyframe of a small part sees the same points, in order
@@ -50,6 +52,18 @@ def test_new_matches_lengthen_tracks_and_contradict_none():
     assert all(of[0, k] == of[3, k] for k in range(120)), "points of the map are not torn apart"
     assert all(of[4, k] == of[3, k] for k in range(120)), "many matches are believed before few"
     assert both.dropped_matches == 50
+
+
+def test_what_contradicts_a_point_leaves_its_track():
+    T, _, scans, first, tracks = seven()
+    features = list(scans.features)
+    z = features[5].z_m.copy()
+    z[7] += 0.5
+    features[5] = replace(features[5], z_m=z)
+    points = [scan_points(scan, CAMERA) for scan in features]
+    kept = agreeing(tracks, landmarks(points, T, tracks), first)
+    assert len(kept.track) == len(tracks.track) - 1 and kept.count == tracks.count
+    assert not ((kept.frame == 5) & (kept.feature == 7)).any()
 
 
 def test_only_what_shares_points_moves(rng):
