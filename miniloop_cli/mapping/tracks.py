@@ -15,7 +15,7 @@ from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
-from miniloop_cli.typing import Floats, Ints, Pair
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 KNOWN = 1e9  # strength of a match that a point of the map was made from: what is new contradicts none of these
 
@@ -50,6 +50,12 @@ def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, lis
     pairs, matches = pairs[order], matches[order]
     begins = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)]) if len(pairs) else np.zeros(0, int)
     return pairs[begins], np.split(matches, begins[1:]) if len(pairs) else []
+
+
+def without_keyframes(points: MapPoints, keyframes: Bools, first_feature: Ints) -> MapPoints:
+    """The points as the other keyframes saw them; `keyframes` (K,) may be more than the points know."""
+    lost = np.repeat(keyframes, np.diff(first_feature))[: len(points.of_feature)]
+    return replace(points, of_feature=np.where(lost, -1, points.of_feature))
 
 
 def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches: Sequence[Ints]) -> Tracks:

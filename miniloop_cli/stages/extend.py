@@ -12,32 +12,29 @@ from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
 from miniloop_cli.mapping.adjustment import (
     Observations,
+    Settled,
     added_uncertainty,
     adjusted_locally,
-    adjusted_together,
     covariance_beside_the_map,
-    known_points,
+    settled,
     shared_tracks,
-    surprise,
 )
 from miniloop_cli.mapping.landmarks import landmarks
-from miniloop_cli.mapping.pieces import by_size, in_the_first_world
+from miniloop_cli.mapping.pieces import as_one_table, by_size, in_the_first_world
 from miniloop_cli.mapping.retrieval import extended
-from miniloop_cli.mapping.tracks import agreeing, extended_tracks, matched_again, near_pairs
-from miniloop_cli.refinement.joint import untied
+from miniloop_cli.mapping.tracks import agreeing, extended_tracks, matched_again, near_pairs, without_keyframes
 from miniloop_cli.refinement.tracks import Tracks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap, recording_of_keyframes
 from miniloop_cli.stages.join import join
 from miniloop_cli.stages.keyframes import common_scans
-from miniloop_cli.stages.placing import MustAdjustAll, Placed, placed_in
+from miniloop_cli.stages.placing import MustAdjustAll, placed_in
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
-MAX_SURPRISE = 22.5  # chi-squared of 6 degrees of freedom: one keyframe in a thousand moves by more
 MOVED_M, MOVED_DEG = 0.01, 0.5  # from where on keyframes may match otherwise: a third of the window of guided matching
 
 
@@ -83,78 +80,64 @@ def _extended(
         )
     T[new] = placed.T_new
     inside = np.append(old.piece, placed.piece)[of_part] == placed.piece
-    tracks = _tracks(old.landmarks, T, placed, part.edges, new, inside, scans, settings, run)
-    T[inside], covariance[new] = _adjusted(T, covariance, old.landmarks, tracks, inside, new, scans, settings, run)
+    T[new] = _by_edges(T, old.landmarks, part.edges, placed.edges, inside, new, scans, settings, run)
+    fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
+    edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
+    edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
+
+    def at_rest(tracks: Tracks) -> Settled:
+        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads)
+
+    T_matched, again, far = T.copy(), new, new
+    while far.any():
+        again = again | far
+        tracks = _tracks(old.landmarks, T, inside, again, scans, settings, run)
+        T = at_rest(tracks).T_world_cam
+        angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_matched) @ T)
+        far = inside & ~again & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))
+        cm, deg = 100 * distance_m[~new].max(), angle_deg[~new].max()
+        LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg; %d are matched again", cm, deg, far.sum())
+    tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+    T, points, seen = at_rest(tracks)
+    base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
+    own = covariance_beside_the_map(T, points, seen, new, scans, settings.bundle, run.workers.threads)
+    covariance[new] = own + added_uncertainty(T[new], covariance[base], T[base])
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     piece = by_size(np.append(old.piece, placed.piece), of_part)
-    edges = EdgeTable.concatenated([old.edges, placed.edges])
-    seen = landmarks(scans.points, T, tracks)
-    return replace(old, T_world_cam=T, covariance=covariance, piece=piece, edges=edges, landmarks=seen)
+    between = EdgeTable.concatenated([old.edges, placed.edges])
+    known = landmarks(scans.points, T, tracks)
+    return replace(old, T_world_cam=T, covariance=covariance, piece=piece, edges=between, landmarks=known)
+
+
+def _by_edges(
+    T: Floats,
+    known: MapPoints,
+    own: EdgeTable,
+    between: EdgeTable,
+    inside: Bools,
+    new: Bools,
+    scans: ScanSet,
+    settings: Settings,
+    run: Run,
+) -> Floats:
+    """(k, 4, 4) poses of the `new` keyframes (K,) by the matches of their edges: their `own`, and `between` the map."""
+    first = int(np.argmax(new))
+    edges = EdgeTable.concatenated([replace(own, i=own.i + first, j=own.j + first), between])
+    tracks = extended_tracks(known, scans.first_feature, edges.pairs, _inliers(edges))
+    seen = Observations.of(tracks, scans, 2)
+    seen = seen.subset(inside[seen.frame])
+    return adjusted_locally(T, seen, new, scans, settings.bundle, run.workers.threads)[new]
 
 
 def _tracks(
-    known: MapPoints,
-    T: Floats,
-    placed: Placed,
-    own: EdgeTable,
-    new: Bools,
-    inside: Bools,
-    scans: ScanSet,
-    settings: Settings,
-    run: Run,
+    known: MapPoints, T: Floats, inside: Bools, again: Bools, scans: ScanSet, settings: Settings, run: Run
 ) -> Tracks:
-    """Tracks of the map through the new keyframes, by what matches where the edges put them; `own`: their own edges."""
-    first = int(np.argmax(new))
-    edges = EdgeTable.concatenated([replace(own, i=own.i + first, j=own.j + first), placed.edges])
-    tracks = extended_tracks(known, scans.first_feature, edges.pairs, _inliers(edges))
-    seen = Observations.of(tracks, scans, 2)
-    T = adjusted_locally(
-        T, seen.subset(inside[seen.frame]), new, scans, settings.bundle, run.workers.threads
-    ).T_world_cam
-    near = near_pairs(T, np.concatenate([placed.near, np.flatnonzero(new)]), scans, settings.bundle)
-    pairs = np.array([pair for pair in near if new[pair[1]]], np.int64).reshape(-1, 2)
-    matches = matched_again(T, [(int(i), int(j)) for i, j in pairs], scans, settings.bundle, run.workers)
-    tracks = extended_tracks(known, scans.first_feature, pairs, matches)
-    return agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
-
-
-def _adjusted(
-    T: Floats,
-    covariance: Floats,
-    known: MapPoints,
-    tracks: Tracks,
-    inside: Bools,
-    new: Bools,
-    scans: ScanSet,
-    settings: Settings,
-    run: Run,
-) -> tuple[Floats, Floats]:
-    """Poses (m, 4, 4) of the keyframes `inside` a piece (K,), covariances (k, 6, 6) of the `new` ones among them (K,).
-
-    Raises MustAdjustAll where the new ones are not tied to the map, or it moves by more than it thought possible.
-    """
-    seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-    seen = seen.subset(inside[seen.frame])
-    if np.intersect1d(untied(seen.track, seen.frame, inside), np.flatnonzero(new)).size:
-        raise MustAdjustAll("few points tie the new keyframes to it")
-    jobs = run.workers.threads
-    local = adjusted_locally(T, seen, new, scans, settings.bundle, jobs)
-    LOG.info("%d keyframes of the map share points with the new ones", int((local.active & ~new).sum()))
-    points = known_points(known, tracks, scans.first_feature)[: len(local.points)]
-    points = np.where(np.isfinite(local.points), local.points, points)
-    fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
-    after, points = adjusted_together(local.T_world_cam, points, seen, fixed, scans, settings.bundle, jobs)
-    old = np.flatnonzero(inside & ~new)
-    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T[old]) @ after[old])
-    moved = surprise(T[old], after[old], covariance[old])
-    LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg", 100 * distance_m.max(), angle_deg.max())
-    far = (moved > MAX_SURPRISE) & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))
-    if far.any():
-        cm, sigmas = 100 * distance_m[far].max(), np.sqrt(moved[far].max())
-        raise MustAdjustAll(f"{far.sum()} keyframes move by up to {cm:.1f} cm, {sigmas:.0f} standard deviations")
-    base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
-    own = covariance_beside_the_map(after, points, seen, new, scans, settings.bundle, jobs)
-    return after[inside], own + added_uncertainty(after[new], covariance[base], after[base])
+    """Tracks through the points of the map, and through what keyframes that are matched `again` (K,) show."""
+    near = near_pairs(T, np.flatnonzero(inside), scans, settings.bundle)
+    near = [pair for pair in near if again[pair[0]] or again[pair[1]]]
+    matches = matched_again(T, near, scans, settings.bundle, run.workers)
+    rest = without_keyframes(known, again, scans.first_feature)
+    return extended_tracks(rest, scans.first_feature, np.array(near, np.int64).reshape(-1, 2), matches)
 
 
 def _inliers(edges: EdgeTable) -> list[Ints]:

@@ -8,14 +8,13 @@ import numpy as np
 
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
-from miniloop_cli.mapping.adjustment import Observations, adjusted_together
+from miniloop_cli.mapping.adjustment import settled
 from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
 from miniloop_cli.mapping.retrieval import index
 from miniloop_cli.mapping.tracks import agreeing, matched_again, near_pairs
 from miniloop_cli.refinement.inputs import Scans
-from miniloop_cli.refinement.joint import untied
 from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
@@ -27,7 +26,7 @@ from miniloop_cli.stages.average import photometric_check
 from miniloop_cli.stages.keyframes import common_scans
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
-from miniloop_cli.typing import Bools, Floats, Ints, Pair
+from miniloop_cli.typing import Floats, Ints, Pair
 from miniloop_cli.verification.consensus import average_verified
 
 
@@ -62,10 +61,13 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
     tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
     tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+    usable = edges.subset(edges.verified)
     for together in np.flatnonzero(np.bincount(piece) > 1):
         inside = piece[of_part] == together
         if settings.refine == "bundle":
-            T[inside] = _settled(T, covariance, tracks, inside, scans, settings, run)
+            # The refinement stops where a step gains little. What is added later must find the map at rest.
+            fixed = int(np.where(inside, np.einsum("kii->k", covariance), np.inf).argmin())
+            T = settled(T, tracks, usable, inside, fixed, scans, settings.bundle, run.workers.threads).T_world_cam
         T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     seen = landmarks(scans.points, T, tracks)
     return SceneMap(
@@ -90,22 +92,6 @@ def _tracks(
         pairs = np.concatenate([pairs, np.array(near, np.int64).reshape(-1, 2)])
         matches += matched_again(T, near, scans, settings.bundle, run.workers)
     return build_tracks(scans.first_feature, pairs, matches)
-
-
-def _settled(
-    T: Floats, covariance: Floats, tracks: Tracks, inside: Bools, scans: ScanSet, settings: Settings, run: Run
-) -> Floats:
-    """(m, 4, 4) poses of the keyframes `inside` a piece (K,) at the minimum of the tracks that the map keeps.
-
-    The refinement stops where a step gains little. What is added later begins from here, and must find the map at rest.
-    """
-    seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-    seen = seen.subset(inside[seen.frame])
-    if len(untied(seen.track, seen.frame, inside)):  # tracks of two keyframes tied these, or edges
-        return T[inside]
-    certain = np.where(inside, np.einsum("kii->k", covariance), np.inf)
-    fixed, nowhere = int(certain.argmin()), np.zeros((0, 3))
-    return adjusted_together(T, nowhere, seen, fixed, scans, settings.bundle, run.workers.threads)[0][inside]
 
 
 def _refined(
