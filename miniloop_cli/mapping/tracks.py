@@ -69,6 +69,6 @@ def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches
 
 
 def agreeing(tracks: Tracks, points: MapPoints, first_feature: Ints) -> Tracks:
-    """The tracks without observations that contradict the points which were made of them."""
+    """The tracks without observations that contradict the points which were made of them; first_feature (K + 1,)."""
     kept = points.of_feature[first_feature[tracks.frame] + tracks.feature] >= 0
     return replace(tracks, frame=tracks.frame[kept], track=tracks.track[kept], feature=tracks.feature[kept])
