@@ -99,6 +99,7 @@ def show_kills(folder: Path, sequence: Path, count: int, seed: int = 0) -> None:
             files = ", files beside it written by the next command" if left.changed and left.files_left else ""
             said[f"{left.how}: the map is {state}{files}"] += 1
             said["reads meanwhile, all whole"] += left.reads
+            print(f"{k + 1} of {count}: {left}", file=sys.stderr, flush=True)
     print(f"add takes {seconds:.1f} s; {count} were killed, and went on when they were called again")
     for line, times in sorted(said.items()):
         print(f"{times:5d} {line}")

@@ -85,6 +85,7 @@ def describe(folder: Path, numbers: dict[str, Any]) -> list[str]:
         lines.append(f"{'joined':<12}{joint['a']} and {joint['b']} by {joint['edges']} edges")
     if numbers["pieces"] > 1:
         lines.append(f"{'pieces':<12}{numbers['pieces']}, not joined to each other")
+    lines += [f"{'note':<12}{note}" for note in numbers["notes"]]
     if verdict := numbers.get("verdict"):  # of a map of several recordings; a single one has its own summary
         first, *others = verdict["reasons"] or ["no check contradicts it"]
         lines += [f"{verdict['level']:<12}{first}", *(f"{'':<12}{reason}" for reason in others)]

@@ -1,12 +1,14 @@
-"""Adjustment of new keyframes to a map: first with the keyframes that share their points, then all for a few steps.
+"""New keyframes adjusted to a map: first they and those that they share points with, then all that moves by that.
 
-The map is at its minimum. A new recording mostly affects its own keyframes and their neighbours: these are adjusted
-while the others keep their poses. The remaining forces on the whole are small, so a few steps of all poses and points
-suffice, without new matches.
+Robust kernels let points creep: by steps of all poses and points alike, the last tenth of a centimetre takes dozens of
+them. Points alone cost a third of such a step and take most of the way. A few keyframes of which little is known take
+the longest: all are adjusted once, and then only those that still move, beside the others.
 """
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,23 +16,20 @@ import numpy as np
 
 from miniloop_cli.config import Bundle
 from miniloop_cli.geometry import se3
+from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
-from miniloop_cli.refinement.joint import MIN_SHARED, SHARP, six_digits
+from miniloop_cli.refinement.joint import MIN_SHARED, SHARP, six_digits, untied
+from miniloop_cli.refinement.motion_term import MotionTerm
+from miniloop_cli.refinement.terms import PoseTerm
 from miniloop_cli.refinement.tracks import Tracks
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Bools, Floats, Ints
 
-ROUNDING = np.radians(0.02), 0.0005  # rad, m
-WHOLE_STEPS, WHOLE_TOLERANCE = 8, 1e-6  # of all poses together, from nearly correct poses
-
-
-class Locally(NamedTuple):
-    """Poses (K, 4, 4), points (p, 3), and which keyframes (K,) were adjusted."""
-
-    T_world_cam: Floats
-    points: Floats
-    active: Bools
+LOG = logging.getLogger("miniloop")
+ROUNDS, POINT_STEPS, WHOLE_STEPS, TOLERANCE = 8, 6, 3, 1e-6
+REST_M, REST_DEG = 0.0001, 0.004  # a keyframe rests if a round moves it by no more
 
 
 @dataclass(frozen=True)
@@ -63,12 +62,24 @@ class Observations:
         return self.subset(touched[self.track])
 
     def adjusted(
-        self, T: Floats, scans: ScanSet, settings: BundleSettings, jobs: int, held: Bools, points: Floats | None
+        self,
+        T: Floats,
+        scans: ScanSet,
+        settings: BundleSettings,
+        jobs: int,
+        held: Bools,
+        points: Floats | None,
+        terms: Sequence[PoseTerm] = (),
     ) -> BundleResult:
-        """The poses, from T (n, 4, 4), and points (p, 3) that fit best; held (n,) marks fixed poses."""
-        return bundle_adjust(
-            T, self.frame, self.track, self.px_ideal, self.z_m, scans.camera, settings, jobs, points, held=held
-        )
+        """The poses, from T (n, 4, 4), and points (p, 3) that fit best; held (n,) marks poses that stay."""
+        measured = self.frame, self.track, self.px_ideal, self.z_m
+        return bundle_adjust(T, *measured, scans.camera, settings, jobs, points, terms, held=held)
+
+    def terms_of_loose(self, inside: Bools, edges: EdgeTable) -> list[PoseTerm]:
+        """What edges say of keyframes `inside` a piece (K,) that few points tie to the others."""
+        loose = untied(self.track, self.frame, inside)
+        across = edges.subset(np.isin(edges.pairs, loose).any(axis=1))
+        return [MotionTerm.of(across.pairs, across.T_j_i, across.information)] if len(across) else []
 
 
 def shared_tracks(seen: Observations, new: Bools) -> Ints:
@@ -79,28 +90,81 @@ def shared_tracks(seen: Observations, new: Bools) -> Ints:
 
 def adjusted_locally(
     T_world_cam: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
-) -> Locally:
-    """Adjust the `new` keyframes (K,) and those that share points with them; the others are fixed."""
+) -> Floats:
+    """(K, 4, 4) the poses after `new` keyframes (K,), and those that share points with them, were adjusted."""
     active: Bools = new | (shared_tracks(seen, new) >= MIN_SHARED)
-    part = seen.of_tracks_seen_by(active)
     rough = BundleSettings(depth_sigma_factor=settings.depth_sigma_factor, relative_tolerance=1e-3, covariance=False)
-    first = part.adjusted(T_world_cam, scans, rough, jobs, ~active, None)
-    last = part.adjusted(first.T_world_cam, scans, _fine(settings), jobs, ~active, first.points_world)
-    return Locally(last.T_world_cam, last.points_world, active)
+    return seen.of_tracks_seen_by(active).adjusted(T_world_cam, scans, rough, jobs, ~active, None).T_world_cam
 
 
-def adjusted_together(
-    T_world_cam: Floats, points: Floats, seen: Observations, fixed: int, scans: ScanSet, settings: Bundle, jobs: int
+def adjusted_until_rest(
+    T_world_cam: Floats,
+    points: Floats,
+    seen: Observations,
+    terms: Sequence[PoseTerm],
+    fixed: int,
+    scans: ScanSet,
+    settings: Bundle,
+    jobs: int,
 ) -> tuple[Floats, Floats]:
-    """All poses (K, 4, 4) and points (p, 3) after a few steps; keyframe `fixed` keeps its pose.
+    """Poses (K, 4, 4) and points (tracks, 3) at rest, from poses that are nearly right; keyframe `fixed` stays.
 
-    points (p, 3): NaN where unknown.
+    points: NaN where unknown.
     """
-    kind = replace(_fine(settings), max_iterations=WHOLE_STEPS, relative_tolerance=WHOLE_TOLERANCE, fixed_frame=fixed)
-    nobody = np.zeros(len(T_world_cam), bool)
-    found = seen.adjusted(T_world_cam, scans, kind, jobs, nobody, points)
-    # The last bits depend on how this process compiled the kernels; rounding to a nanometre gives the same bytes.
-    return np.round(found.T_world_cam, 9) + 0.0, found.points_world
+    T, points, fine = T_world_cam, points.copy(), _fine(settings)
+    active, everybody = np.ones(len(T), bool), np.ones(len(T), bool)
+
+    def adjust(part: Observations, steps: int, held: Bools) -> Floats:
+        kind = replace(fine, relative_tolerance=TOLERANCE, max_iterations=steps, fixed_frame=fixed)
+        found = part.adjusted(T, scans, kind, jobs, held, points, terms)
+        known = np.flatnonzero(np.isfinite(found.points_world).all(axis=1))
+        points[known] = found.points_world[known]
+        return found.T_world_cam
+
+    held = ~active
+    for _ in range(ROUNDS):
+        part = seen.of_tracks_seen_by(active)
+        adjust(part, POINT_STEPS, everybody)
+        T_before, T = T, adjust(part, WHOLE_STEPS, held)
+        angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T)
+        LOG.debug("%d keyframes adjusted, moved by up to %.3f cm", active.sum(), 100 * distance_m.max())
+        active = (distance_m > REST_M) | (angle_deg > REST_DEG)
+        held = ~active
+        if not active.any():
+            break
+    # The last bits depend on how a kernel was compiled in this process: to a nanometre, the same bytes everywhere.
+    return np.round(T, 9) + 0.0, points
+
+
+class Settled(NamedTuple):
+    """Poses (K, 4, 4) and points (tracks, 3) at rest, and what was seen."""
+
+    T_world_cam: Floats
+    points: Floats
+    seen: Observations
+
+
+def settled(
+    T_world_cam: Floats,
+    tracks: Tracks,
+    edges: EdgeTable,
+    inside: Bools,
+    fixed: int,
+    scans: ScanSet,
+    settings: Bundle,
+    jobs: int,
+) -> Settled:
+    """Keyframes `inside` a piece (K,) at rest among its tracks; where few points tie some to the others, edges do.
+
+    Keyframes that neither ties, and `fixed`, keep their poses.
+    """
+    seen = Observations.of(tracks, scans, settings.min_frames)
+    seen = seen.subset(inside[seen.frame])
+    terms = seen.terms_of_loose(inside, edges)
+    apart = untied(seen.track, seen.frame, inside, terms)
+    seen = seen.subset(~np.isin(seen.frame, apart))
+    points = known_points(landmarks(scans.points, T_world_cam, tracks), tracks, scans.first_feature)
+    return Settled(*adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs), seen)
 
 
 def covariance_beside_the_map(
@@ -134,16 +198,3 @@ def added_uncertainty(T_world_cam: Floats, given: Floats, T_world_given: Floats)
     """
     seen = se3.adjoint(se3.inverse(T_world_cam) @ T_world_given)
     return seen @ given @ np.swapaxes(seen, 1, 2)
-
-
-def surprise(T_before: Floats, T_after: Floats, covariance: Floats) -> Floats:
-    """(k,) chi-squared of the motion of keyframes (k, 4, 4) under covariances (k, 6, 6), 6 degrees of freedom.
-
-    Motions within ROUNDING count as zero.
-    """
-    E = se3.inverse(T_before) @ T_after
-    xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
-    floor = np.diag(np.repeat(np.array(ROUNDING) ** 2, 3))
-    finite = np.atleast_1d(np.isfinite(covariance).all(axis=(1, 2)))
-    known = np.where(finite[:, None, None], covariance, np.eye(6))
-    return np.einsum("ki,ki->k", xi, np.linalg.solve(known + floor, xi[..., None])[..., 0])

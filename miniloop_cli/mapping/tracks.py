@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
-from miniloop_cli.typing import Floats, Ints, Pair
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 KNOWN = 1e9  # strength of a match of a point of the map, which new matches do not break
 
@@ -51,6 +52,12 @@ def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, lis
     return pairs[begins], np.split(matches, begins[1:]) if len(pairs) else []
 
 
+def without_keyframes(points: MapPoints, keyframes: Bools, first_feature: Ints) -> MapPoints:
+    """The points as the other keyframes saw them; `keyframes` (K,) may be more than the points know."""
+    lost = np.repeat(keyframes, np.diff(first_feature))[: len(points.of_feature)]
+    return replace(points, of_feature=np.where(lost, -1, points.of_feature))
+
+
 def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches: Sequence[Ints]) -> Tracks:
     """Tracks through all keyframes: those of the points, extended and joined by `matches` (k, 2) of new pairs (m, 2).
 
@@ -59,3 +66,9 @@ def extended_tracks(points: MapPoints, first_feature: Ints, pairs: Ints, matches
     known, chains = matches_of_points(points, first_feature)
     strength = [KNOWN] * len(known) + [float(len(rows)) for rows in matches]
     return build_tracks(first_feature, np.concatenate([known, pairs.reshape(-1, 2)]), [*chains, *matches], strength)
+
+
+def agreeing(tracks: Tracks, points: MapPoints, first_feature: Ints) -> Tracks:
+    """The tracks without observations that contradict the points which were made of them; first_feature (K + 1,)."""
+    kept = points.of_feature[first_feature[tracks.frame] + tracks.feature] >= 0
+    return replace(tracks, frame=tracks.frame[kept], track=tracks.track[kept], feature=tracks.feature[kept])

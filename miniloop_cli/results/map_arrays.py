@@ -127,6 +127,7 @@ def joined_arrays(joined: Joined) -> Arrays:
         "words": joined.retrieval.words,
         "vectors": joined.retrieval.vectors.astype(np.float16),
         "doubts": np.array(joined.doubts, np.str_),
+        "notes": np.array(joined.notes, np.str_),
         "proof": np.array([joined.certified, joined.relative_gap], float),
     }
     for a, b in joined.solved:
@@ -148,6 +149,7 @@ def joined_from(arrays: Mapping[str, NDArray[Any]]) -> Joined:
         ),
         Retrieval(arrays["words"], arrays["vectors"].astype(np.float32)),
         tuple(arrays["doubts"].tolist()),
+        tuple(arrays["notes"].tolist()) if "notes" in arrays else (),  # earlier maps have none
         bool(arrays["proof"][0]),
         float(arrays["proof"][1]),
     )

@@ -27,6 +27,7 @@ def map_numbers(scene_map: SceneMap, size: int, manifest: Mapping[str, Any]) -> 
         "feature_type": scene_map.feature_type,
         "points": len(joined.landmarks.points_m),
         "point_sigma_m": round(float(np.median(sigma)), 5) if len(sigma) else 0.0,
+        "notes": list(joined.notes),
         "pieces": int(joined.piece.max(initial=-1)) + 1,
         "recordings": [
             {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.runtime.artifact_store import content_fingerprint
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.features import ScanFeatures
 from miniloop_cli.scene.thumbnail import View
@@ -53,6 +54,11 @@ class MapPart:
         """(k, 4, 4) poses of the keyframes, in the recording's own world."""
         return self.T_world_cam[self.keyframe]
 
+    @cached_property
+    def contents(self) -> tuple[str, ...]:
+        """Of each keyframe a hash of its features."""
+        return tuple(content_fingerprint([f.px_ideal, f.z_m, f.descriptors]) for f in self.features)
+
 
 @dataclass(frozen=True)
 class MapPoints:
@@ -83,8 +89,8 @@ class Joined:
     share one world, 0 is the piece of most keyframes. `solved`: for each pair of recordings the solved edges between
     their keyframes, numbered within the two, those of the first recording before those of the second. `edges`: those
     between recordings that the poses depend on, numbered through the map. `doubts`: sentences on what contradicts the
-    relative poses of recordings. `certified`: whether no other poses fit the edges of joined recordings better by more
-    than the share `relative_gap` of the cost, infinite if unknown.
+    relative poses of recordings; `notes`: other sentences on them. `certified`: whether no other poses fit the edges of
+    joined recordings better by more than the share `relative_gap` of the cost, infinite if unknown.
     """
 
     T_world_cam: Floats
@@ -95,6 +101,7 @@ class Joined:
     landmarks: MapPoints
     retrieval: Retrieval
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     certified: bool = False
     relative_gap: float = float("inf")
 

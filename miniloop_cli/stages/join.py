@@ -8,14 +8,13 @@ import numpy as np
 
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
-from miniloop_cli.mapping.adjustment import Observations, adjusted_together
+from miniloop_cli.mapping.adjustment import settled
 from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
 from miniloop_cli.mapping.retrieval import index
-from miniloop_cli.mapping.tracks import matched_again, near_pairs
+from miniloop_cli.mapping.tracks import agreeing, matched_again, near_pairs
 from miniloop_cli.refinement.inputs import Scans
-from miniloop_cli.refinement.joint import untied
 from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.edge import EdgeTable
@@ -23,10 +22,11 @@ from miniloop_cli.scene.poses import Poses, usable_edges
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import Joined, MapPart, SceneMap, first_keyframes, recording_of_keyframes
 from miniloop_cli.stages.artifacts import JOINED
-from miniloop_cli.stages.keyframes import common_scans, photometric_check
+from miniloop_cli.stages.average import photometric_check
+from miniloop_cli.stages.keyframes import common_scans
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
-from miniloop_cli.typing import Bools, Floats, Ints, Pair
+from miniloop_cli.typing import Floats, Ints, Pair
 from miniloop_cli.verification.consensus import average_verified
 
 
@@ -44,7 +44,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     scans = common_scans(parts)
     edges = as_one_table([len(part) for part in parts], [part.edges for part in parts], solved)
     looks = settings.averaging.min_photo_consistency > 0
-    photometric = photometric_check(parts, scans, settings, run) if looks else None
+    photometric = photometric_check(scans, settings.ransac, settings.verification.chi2, run) if looks else None
     poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
     poses, _ = prove_optimum(poses, edges, settings.averaging)
     of_part = recording_of_keyframes(parts)
@@ -60,10 +60,14 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
     tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
+    tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+    usable = edges.subset(edges.verified)
     for together in np.flatnonzero(np.bincount(piece) > 1):
         inside = piece[of_part] == together
         if settings.refine == "bundle":
-            T[inside] = _settled(T, covariance, tracks, inside, scans, settings, run)
+            # The refinement stops where a step gains little. What is added later must find the map at rest.
+            fixed = int(np.where(inside, np.einsum("kii->k", covariance), np.inf).argmin())
+            T = settled(T, tracks, usable, inside, fixed, scans, settings.bundle, run.workers.threads).T_world_cam
         T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     seen = landmarks(scans.points, T, tracks)
     return SceneMap(
@@ -88,22 +92,6 @@ def _tracks(
         pairs = np.concatenate([pairs, np.array(near, np.int64).reshape(-1, 2)])
         matches += matched_again(T, near, scans, settings.bundle, run.workers)
     return build_tracks(scans.first_feature, pairs, matches)
-
-
-def _settled(
-    T: Floats, covariance: Floats, tracks: Tracks, inside: Bools, scans: ScanSet, settings: Settings, run: Run
-) -> Floats:
-    """(m, 4, 4) poses of the keyframes `inside` a piece (K,) at the minimum for the tracks of the map.
-
-    The refinement stops when a step gains little. Later additions start from here and need a map at its minimum.
-    """
-    seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-    seen = seen.subset(inside[seen.frame])
-    if len(untied(seen.track, seen.frame, inside)):  # these are joined by tracks of two keyframes, or by edges
-        return T[inside]
-    certain = np.where(inside, np.einsum("kii->k", covariance), np.inf)
-    fixed, nowhere = int(certain.argmin()), np.zeros((0, 3))
-    return adjusted_together(T, nowhere, seen, fixed, scans, settings.bundle, run.workers.threads)[0][inside]
 
 
 def _refined(

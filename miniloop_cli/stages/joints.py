@@ -72,20 +72,36 @@ def examined(scene_map: SceneMap, settings: Settings, run: Run) -> SceneMap:
             doubts = (*doubts, f"the recordings together: {proof.sentence}")
     certified = proof is not None and proof.certified and not proof.escaped
     gap = proof.relative_gap if proof is not None and not proof.problem else float("inf")
-    joined = replace(scene_map.joined, doubts=doubts, certified=certified, relative_gap=gap)
+    joined = replace(
+        scene_map.joined, doubts=doubts, notes=_uncompared(evidence, shares), certified=certified, relative_gap=gap
+    )
     return replace(scene_map, joined=joined)
 
 
 def _shares_alike(evidence: Evidence) -> dict[Pair, float]:
     """The share of the common view that agrees, for each two recordings joined by edges."""
-    joined, shares = evidence.scene_map.joined, dict[Pair, float]()
-    edges = {(int(a), int(b)) for a, b in np.sort(evidence.body[joined.edges.pairs], axis=1)}
+    joined, shares, edges = evidence.scene_map.joined, dict[Pair, float](), _pairs_joined(evidence)
     for piece in np.unique(joined.piece):
         inside = evidence.joined[joined.piece[evidence.body[evidence.joined]] == piece]
         if len(inside):
             votes = votes_of_joints(joined.T_world_cam, inside, evidence.body, evidence.photometric)
             shares |= {pair: float(agreement_ratio(count)) for pair, count in votes.items() if pair in edges}
     return shares
+
+
+def _pairs_joined(evidence: Evidence) -> set[Pair]:
+    """Pairs of recordings that edges join."""
+    return {(int(a), int(b)) for a, b in np.sort(evidence.body[evidence.scene_map.joined.edges.pairs], axis=1)}
+
+
+def _uncompared(evidence: Evidence, shares: dict[Pair, float]) -> tuple[str, ...]:
+    """A sentence on each joint whose images were not compared."""
+    parts = evidence.scene_map.parts
+    return tuple(
+        f"{parts[a].name} and {parts[b].name} hardly see a place from similar sides: only their edges tell that they "
+        "belong together"
+        for a, b in sorted(_pairs_joined(evidence) - set(shares))
+    )
 
 
 def _cuts(scene_map: SceneMap) -> list[str]:

@@ -11,12 +11,16 @@ from miniloop_cli.mapping.adjustment import (
     Observations,
     added_uncertainty,
     adjusted_locally,
-    adjusted_together,
+    adjusted_until_rest,
     covariance_beside_the_map,
     known_points,
-    surprise,
+    settled,
 )
-from miniloop_cli.mapping.tracks import extended_tracks, matches_of_points
+from miniloop_cli.mapping.landmarks import landmarks
+from miniloop_cli.mapping.tracks import agreeing, extended_tracks, matches_of_points, without_keyframes
+from miniloop_cli.refinement.bundle import BundleSettings
+from miniloop_cli.scene.edge import EdgeTable
+from miniloop_cli.scene.points import scan_points
 from miniloop_cli.stages.keyframes import common_scans
 
 SAME = np.repeat(np.arange(120)[:, None], 2, axis=1)  # every keyframe of a small part sees the same points, in order
@@ -52,24 +56,58 @@ def test_new_matches_lengthen_tracks_and_contradict_none():
     assert both.dropped_matches == 50
 
 
+def test_what_contradicts_a_point_leaves_its_track():
+    T, _, scans, first, tracks = seven()
+    features = list(scans.features)
+    z = features[5].z_m.copy()
+    z[7] += 0.5
+    features[5] = replace(features[5], z_m=z)
+    points = [scan_points(scan, CAMERA) for scan in features]
+    kept = agreeing(tracks, landmarks(points, T, tracks), first)
+    assert len(kept.track) == len(tracks.track) - 1 and kept.count == tracks.count
+    assert not ((kept.frame == 5) & (kept.feature == 7)).any()
+
+
 def test_only_what_shares_points_moves(rng):
     T, points, scans, first, tracks = seven()
     new = np.arange(7) >= 4
     off = T.copy()
     off[new] = T[new] @ np.array([some_pose(rng, 0.01, 0.01) for _ in range(3)])
+    off[2] = T[2] @ some_pose(rng, 0.003, 0.003)
     seen = Observations.of(tracks, scans, 3)
     # Keyframes 0 and 1 see other points than the new ones.
     apart = seen.subset(~((seen.frame < 2) & (seen.track >= 5)) & ~((seen.frame >= 4) & (seen.track < 5)))
     found = adjusted_locally(off, apart, new, scans, Bundle(), 1)
-    where = found.points
-    assert found.active.tolist() == [False, False, True, True, True, True, True]
-    assert np.abs(found.T_world_cam[:2] - off[:2]).max() < 1e-14
-    assert np.abs(found.T_world_cam - T).max() < 1e-5
+    assert np.abs(found[:2] - off[:2]).max() < 1e-14
+    assert np.abs(found - T).max() < 1e-3
     there = known_points(points, tracks, first)
-    assert np.nanmax(np.abs(there - where)) < 1e-3
-    together, where = adjusted_together(found.T_world_cam, where, seen, 0, scans, Bundle(), 1)
+    together, where = adjusted_until_rest(found, there, seen, [], 0, scans, Bundle(), 1)
+    assert np.abs(there - where).max() < 1e-3
     assert np.abs(together[0] - T[0]).max() < 1e-9
     assert np.abs(together - T).max() < 1e-5
+
+
+def test_points_are_told_without_keyframes_that_are_matched_again():
+    points, first = small_map().joined.landmarks, 120 * np.arange(8)
+    rest = without_keyframes(points, np.arange(7) % 2 == 1, first)
+    assert (rest.of_feature[:120] >= 0).all() and (rest.of_feature[120:240] == -1).all()
+    assert len(rest.of_feature) == len(points.of_feature)
+
+
+def test_a_keyframe_that_few_points_tie_is_held_by_its_edges(rng):
+    T, _, scans, _, tracks = seven()
+    few = (tracks.frame == 6) & (tracks.track >= 5)
+    kept = {name: getattr(tracks, name)[~few] for name in ("frame", "track", "feature")}
+    tracks, inside, off = replace(tracks, **kept), np.ones(7, bool), T.copy()
+    off[6] = T[6] @ some_pose(rng, 0.01, 0.01)
+    edge = replace(
+        small_part().edges.subset([0]), i=np.array([5]), j=np.array([6]), T_j_i=(se3.inverse(T[6]) @ T[5])[None]
+    )
+    found = settled(off, tracks, edge, inside, 0, scans, Bundle(), 1)
+    assert np.abs(found.T_world_cam - T).max() < 1e-4
+    alone = settled(off, tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1)
+    assert np.abs(alone.T_world_cam[6] - off[6]).max() < 1e-8, "nothing tells where it is"
+    assert not (alone.seen.frame == 6).any()
 
 
 def test_new_keyframes_promise_what_their_errors_are():
@@ -82,23 +120,14 @@ def test_new_keyframes_promise_what_their_errors_are():
         z = exact.z_m + CAMERA.noise.sigma_m(exact.z_m) * rng.normal(size=len(exact.z_m))
         px = exact.px_ideal + 0.3 * rng.normal(size=exact.px_ideal.shape)
         seen = replace(exact, px_ideal=px, z_m=np.where(new[exact.frame], z, exact.z_m))
-        found = adjusted_locally(T, seen, new, scans, Bundle(), 1)
-        T_new = np.where(new[:, None, None], found.T_world_cam, T)
-        C = covariance_beside_the_map(T_new, found.points, seen, new, scans, Bundle(), 1)
+        settings = BundleSettings(relative_tolerance=1e-6)
+        found = seen.adjusted(T, scans, settings, 1, ~new, None)
+        T_new = found.T_world_cam
+        C = covariance_beside_the_map(T_new, found.points_world, seen, new, scans, Bundle(), 1)
         E = se3.inverse(T_new[new]) @ T[new]
         xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
         chi2 += np.einsum("ki,ki->k", xi, np.linalg.solve(C, xi[..., None])[..., 0]).tolist()
     assert 2 < np.median(chi2) < 14  # of 6 degrees of freedom, by a jackknife of few parts
-
-
-def test_a_move_is_measured_in_standard_deviations():
-    C = np.diag([1e-4, 1e-4, 1e-4, 4e-4, 4e-4, 4e-4])[None]
-    moved = np.eye(4)[None].copy()
-    moved[0, :3, 3] = 0.06, 0, 0
-    assert np.isclose(surprise(np.eye(4)[None], moved, C)[0], 9.0, rtol=0.01)
-    exact = np.zeros((1, 6, 6))
-    moved[0, 0, 3] = 1e-5
-    assert surprise(np.eye(4)[None], moved, exact)[0] < 0.01, "what rounding moves is no surprise"
 
 
 def test_uncertainty_of_a_neighbour_is_carried_to_a_new_keyframe(rng):

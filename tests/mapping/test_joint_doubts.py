@@ -70,9 +70,19 @@ def test_one_place_in_two_recordings_is_certified_and_not_doubted(run):
     a = recording("hall")
     b = recording("again")
     found = examined(joined_map(a, b, between(a, b, THREE)), SETTINGS, run).joined
-    assert found.doubts == () and found.certified and found.relative_gap <= 1e-4
+    assert found.doubts == found.notes == () and found.certified and found.relative_gap <= 1e-4
     again = joined_from(joined_arrays(found))
     assert (again.doubts, again.certified, again.relative_gap) == ((), True, found.relative_gap)
+
+
+def test_a_joint_of_which_the_pictures_tell_nothing_is_noted(run):
+    a, b = recording("hall"), recording("again")
+    scene_map = joined_map(a, b, between(a, b, THREE, AWAY))
+    T = np.concatenate([a.T_world_key, AWAY @ b.T_world_key])
+    found = examined(replace(scene_map, joined=replace(scene_map.joined, T_world_cam=T)), SETTINGS, run).joined
+    assert found.doubts == ()
+    (note,) = joined_from(joined_arrays(found)).notes
+    assert note.startswith("hall and again hardly see a place from similar sides")
 
 
 def test_a_joint_that_the_pictures_contradict_is_cut_and_told(run):
