@@ -1,10 +1,10 @@
-"""What an exact sparse factor of a view graph takes, foretold where trying it could take hours.
+"""The work of an exact sparse factor of a view graph, predicted if counting it could take hours.
 
-A factor fills in by as much as the graph holds together in all directions: along a recording with loops little, in a
-random graph nearly everywhere. The elimination with sampled fill tells them apart in seconds. It takes edges in place
-of cliques, so that what it holds is about a minor of the graph, and a minor with columns of width h needs the h^2 edges
-of which exact elimination makes a full front of their size. Of random graphs (five edges a scan, 1000 to 100,000 scans)
-the widest column is 1.5 times the root of the scans, and the front about half of these.
+Fill depends on how densely the graph is connected: it is small for a recording with loops, and nearly complete for a
+random graph. The elimination with sampled fill tells them apart in seconds: it replaces cliques by edges, so a column
+of width h in it stands for about h^2 edges, which exact elimination turns into a full front. For random graphs (five
+edges a scan, 1000 to 100,000 scans) the widest column is 1.5 times the square root of the number of scans, and the
+front has about half of the scans.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from miniloop_cli.scene.view_graph import elimination
 from miniloop_cli.typing import Ints
 
 COUNTED = 20_000
-"""Scans up to which the factor is made to count its work: a minute for the worst graph."""
+"""Up to this number of scans the work is counted, which takes a minute for the worst graph."""
 
 SURELY = 10.0
-"""Times what is allowed: the forecast is no better than that."""
+"""The prediction is within this factor of the work."""
 
 
 def factor_work(count: int, pairs: Ints, allowed: float) -> float:
-    """Multiplications of a factor with one row a scan, of `count` scans joined by pairs (m, 2).
+    """Multiplications of a factor with one row a scan, for `count` scans and pairs (m, 2).
 
-    Counted; foretold where a large graph would clearly take more than `allowed`.
+    Counted, or predicted if a large graph would clearly need more than `allowed`.
     """
     if count > COUNTED:
-        forecast = foretold_work(count, pairs)
+        forecast = predicted_work(count, pairs)
         if forecast > SURELY * allowed:
             return forecast
     return elimination(count, pairs)[1]
 
 
-def foretold_work(count: int, pairs: Ints) -> float:
-    """About the multiplications that the widest front of `count` scans, pairs (m, 2), takes: by the widest column."""
+def predicted_work(count: int, pairs: Ints) -> float:
+    """Predicted multiplications of the widest front, for `count` scans and pairs (m, 2), from the widest column."""
     start = eliminate(count, pairs, np.ones(len(pairs)), np.random.default_rng(0).random(99991))[1]
     front = (float(np.diff(start).max()) / 1.5) ** 2 / 2
     return front**3 / 6

@@ -1,8 +1,8 @@
-"""New keyframes adjusted to a map: first they and those that they share points with, then all that moves by that.
+"""Adjustment of new keyframes to a map: first with the keyframes that share their points, then of all that still moves.
 
-Robust kernels let points creep: by steps of all poses and points alike, the last tenth of a centimetre takes dozens of
-them. Points alone cost a third of such a step and take most of the way. A few keyframes of which little is known take
-the longest: all are adjusted once, and then only those that still move, beside the others.
+With robust kernels, points converge slowly: with steps of poses and points together, the last millimetre takes dozens
+of steps. A step of the points alone costs a third and does most of the work, so points go first. Weakly determined
+keyframes converge last: all are adjusted once, then only those that still move, while the others are fixed.
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ class Observations:
         points: Floats | None,
         terms: Sequence[PoseTerm] = (),
     ) -> BundleResult:
-        """The poses, from T (n, 4, 4), and points (p, 3) that fit best; held (n,) marks poses that stay."""
+        """The poses, from T (n, 4, 4), and points (p, 3) that fit best; held (n,) marks fixed poses."""
         measured = self.frame, self.track, self.px_ideal, self.z_m
         return bundle_adjust(T, *measured, scans.camera, settings, jobs, points, terms, held=held)
 
     def terms_of_loose(self, inside: Bools, edges: EdgeTable) -> list[PoseTerm]:
-        """What edges say of keyframes `inside` a piece (K,) that few points tie to the others."""
+        """Terms of the edges of those keyframes `inside` a piece (K,) that few points tie to the others."""
         loose = untied(self.track, self.frame, inside)
         across = edges.subset(np.isin(edges.pairs, loose).any(axis=1))
         return [MotionTerm.of(across.pairs, across.T_j_i, across.information)] if len(across) else []
@@ -91,7 +91,7 @@ def shared_tracks(seen: Observations, new: Bools) -> Ints:
 def adjusted_locally(
     T_world_cam: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
 ) -> Floats:
-    """(K, 4, 4) the poses after `new` keyframes (K,), and those that share points with them, were adjusted."""
+    """(K, 4, 4) poses with the `new` keyframes (K,), and those that share points with them, adjusted; others fixed."""
     active: Bools = new | (shared_tracks(seen, new) >= MIN_SHARED)
     rough = BundleSettings(depth_sigma_factor=settings.depth_sigma_factor, relative_tolerance=1e-3, covariance=False)
     return seen.of_tracks_seen_by(active).adjusted(T_world_cam, scans, rough, jobs, ~active, None).T_world_cam
@@ -107,7 +107,7 @@ def adjusted_until_rest(
     settings: Bundle,
     jobs: int,
 ) -> tuple[Floats, Floats]:
-    """Poses (K, 4, 4) and points (tracks, 3) at rest, from poses that are nearly right; keyframe `fixed` stays.
+    """Poses (K, 4, 4) and points (tracks, 3) at rest, from nearly correct poses; keyframe `fixed` keeps its pose.
 
     points: NaN where unknown.
     """
@@ -132,12 +132,12 @@ def adjusted_until_rest(
         held = ~active
         if not active.any():
             break
-    # The last bits depend on how a kernel was compiled in this process: to a nanometre, the same bytes everywhere.
+    # The last bits depend on how this process compiled the kernels; rounding to a nanometre gives the same bytes.
     return np.round(T, 9) + 0.0, points
 
 
 class Settled(NamedTuple):
-    """Poses (K, 4, 4) and points (tracks, 3) at rest, and what was seen."""
+    """Poses (K, 4, 4) and points (tracks, 3) at rest, and the observations."""
 
     T_world_cam: Floats
     points: Floats
@@ -154,7 +154,7 @@ def settled(
     settings: Bundle,
     jobs: int,
 ) -> Settled:
-    """Keyframes `inside` a piece (K,) at rest among its tracks; where few points tie some to the others, edges do.
+    """Keyframes `inside` a piece (K,), adjusted until they rest. Edges hold those that few points tie to the others.
 
     Keyframes that neither ties, and `fixed`, keep their poses.
     """

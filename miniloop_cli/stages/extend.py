@@ -35,16 +35,16 @@ from miniloop_cli.stages.solve_between import solve_between
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
-MOVED_M, MOVED_DEG = 0.01, 0.5  # from where on keyframes may match otherwise: a third of the window of guided matching
+MOVED_M, MOVED_DEG = 0.01, 0.5  # matches may change beyond a third of the window of guided matching
 
 
 def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> SceneMap:
     """The map with one more recording.
 
     If the recording shows one piece of the map, its keyframes and those that share points with them are adjusted while
-    the others are fixed; then the whole piece for a few steps. If that moves a keyframe by more than its uncertainty
-    allows, or if the recording joins pieces, or if the piece was never adjusted as a whole, all keyframes are adjusted
-    again as by `join`.
+    the others are fixed; then the piece is adjusted until it rests. Keyframes of the map that this moves by more than
+    MOVED_M or MOVED_DEG are matched again. All keyframes are adjusted again as by `join` if the recording joins pieces,
+    moves the map far or shows most of the piece, or if the piece was never adjusted as a whole.
     """
     parts = (*before.parts, part)
     retrieval = extended(before.joined.retrieval, part.features, part.feature_type)
@@ -132,7 +132,7 @@ def _by_edges(
 def _tracks(
     known: MapPoints, T: Floats, inside: Bools, again: Bools, scans: ScanSet, settings: Settings, run: Run
 ) -> Tracks:
-    """Tracks through the points of the map, and through what keyframes that are matched `again` (K,) show."""
+    """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,)."""
     near = near_pairs(T, np.flatnonzero(inside), scans, settings.bundle)
     near = [pair for pair in near if again[pair[0]] or again[pair[1]]]
     matches = matched_again(T, near, scans, settings.bundle, run.workers)

@@ -1,4 +1,4 @@
-"""Stage: where a new recording lies in a map, by its edges with what it shows."""
+"""Stage: the first poses of a new recording in a map, from its edges to the keyframes there."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Placed(NamedTuple):
 def placed_in(
     before: SceneMap, part: MapPart, solved: Mapping[Pair, EdgeTable], settings: Settings, run: Run
 ) -> Placed | None:
-    """Where the recording lies in the map; None where it shows none of its pieces. Raises MustAdjustAll.
+    """The keyframes of the recording in the map; None if it shows none of its pieces. Raises MustAdjustAll.
 
     Averaged and judged are its edges with those of the keyframes of the map that it was matched with, and of their
     neighbours.

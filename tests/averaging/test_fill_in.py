@@ -1,11 +1,11 @@
-"""The work of a factor: counted where that is quick, and foretold where it would not be."""
+"""The work of a factor: counted where that is quick, and predicted where it would take long."""
 
 import numpy as np
 import pytest
 
 from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.averaging import fill_in
-from miniloop_cli.averaging.fill_in import factor_work, foretold_work
+from miniloop_cli.averaging.fill_in import factor_work, predicted_work
 from miniloop_cli.averaging.optimum import MOST_WORK
 from miniloop_cli.scene.view_graph import elimination
 
@@ -17,7 +17,7 @@ def graph(kind, scans, outliers=0.0):
 @pytest.mark.parametrize("scans", [1000, pytest.param(3000, marks=pytest.mark.slow)])
 def test_the_forecast_of_a_random_graph_is_right_within_what_it_promises(scans):
     pairs = graph("expander", scans)
-    assert 1 / fill_in.SURELY < foretold_work(scans, pairs) / elimination(scans, pairs)[1] < fill_in.SURELY
+    assert 1 / fill_in.SURELY < predicted_work(scans, pairs) / elimination(scans, pairs)[1] < fill_in.SURELY
 
 
 def test_random_graphs_are_refused_before_anything_is_factorised(monkeypatch):
