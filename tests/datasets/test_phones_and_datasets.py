@@ -153,7 +153,7 @@ def test_depth_of_low_confidence_is_no_reading(name, tmp_path):
     for least, share in ((0, 0), (1, 1 / 3), (2, 2 / 3)):
         sequence = open_sequence(path, min_confidence=least)
         assert (read_scan(sequence, 1).depth_m == 0).mean() == pytest.approx(share, abs=0.01)
-        said = [str(note) for note in sequence.notes if "trusted" in str(note)]
+        said = [str(note) for note in sequence.notes if "confidence of each depth reading" in str(note)]
         assert len(said) == 1 and f"depth.min_confidence = {least}" in said[0]
     prints = {open_sequence(path, min_confidence=k).frames[0].depth.fingerprint() for k in (0, 1, 2)}
     assert len(prints) == 3

@@ -128,7 +128,7 @@ def test_single_swapped_frames_are_named(sequence):
     ("change", "words"),
     [
         (lambda d: warp(d, [[1, 0, 10], [0, 1, -4]]), "moved by (-10, "),
-        (lambda d: warp(d, [[0.9, 0, 16], [0, 0.9, 12]]), "enlarged by 1.11"),
+        (lambda d: warp(d, [[0.9, 0, 16], [0, 0.9, 12]]), "scaled by 1.11"),
     ],
 )
 def test_unregistered_depth(sequence, change, words):
