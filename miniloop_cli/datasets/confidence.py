@@ -81,23 +81,24 @@ def with_confidence(
 
 def with_min_confidence(sequence: Sequence, least: int) -> Sequence:
     """The sequence with another least confidence than the default: the setting `depth.min_confidence`."""
-    maps = {note: _note(where, least) for note in sequence.notes if (where := _where(note))}
-    if least == MIN_CONFIDENCE or not maps:
+    notes = tuple(_note(note.where, least) if isinstance(note, ConfidenceNote) else note for note in sequence.notes)
+    if notes == sequence.notes:
         return sequence
     frames = tuple(
         replace(frame, depth=replace(frame.depth, least=least)) if isinstance(frame.depth, ConfidentDepth) else frame
         for frame in sequence.frames
     )
-    return replace(sequence, frames=frames, notes=tuple(maps.get(note, note) for note in sequence.notes))
+    return replace(sequence, frames=frames, notes=notes)
 
 
-_SAID = " holds the confidence of each depth reading: "
+@dataclass(frozen=True)
+class ConfidenceNote(Note):
+    """The note that depth is filtered by confidence maps; `where` names the maps."""
+
+    where: str
 
 
-def _note(where: str, least: int) -> Note:
+def _note(where: str, least: int) -> ConfidenceNote:
     what = f"readings of {' and '.join(WORDS[:least])} confidence are ignored" if least else "all are used"
-    return Note(NoteKind.CONVERTED, f"{where}{_SAID}{what} (depth.min_confidence = {least})")
-
-
-def _where(note: Note) -> str:
-    return note.text.partition(_SAID)[0] if _SAID in note.text else ""
+    text = f"{where} holds the confidence of each depth reading: {what} (depth.min_confidence = {least})"
+    return ConfidenceNote(NoteKind.CONVERTED, text, where)
