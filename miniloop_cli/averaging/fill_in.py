@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.averaging.approximate_cholesky import eliminate
+from miniloop_cli.averaging.approximate_cholesky import eliminate, sampling_numbers
 from miniloop_cli.scene.view_graph import elimination
 from miniloop_cli.typing import Ints
 
@@ -36,6 +36,6 @@ def factor_work(count: int, pairs: Ints, allowed: float) -> float:
 
 def predicted_work(count: int, pairs: Ints) -> float:
     """Predicted multiplications of the widest front, for `count` scans and pairs (m, 2), from the widest column."""
-    start = eliminate(count, pairs, np.ones(len(pairs)), np.random.default_rng(0).random(99991))[1]
+    start = eliminate(count, pairs, np.ones(len(pairs)), sampling_numbers())[1]
     front = (float(np.diff(start).max()) / 1.5) ** 2 / 2
     return front**3 / 6

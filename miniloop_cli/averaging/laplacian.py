@@ -9,7 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from miniloop_cli.averaging.approximate_cholesky import Factor, Scans32, Singles, apply, eliminate
+from miniloop_cli.averaging.approximate_cholesky import (
+    Factor,
+    Scans32,
+    Singles,
+    apply,
+    eliminate,
+    sampling_numbers,
+)
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.view_graph import adjacency, components
 from miniloop_cli.typing import Floats, Ints
@@ -50,7 +57,7 @@ class Differences:
             self.neighbour, self.edge = neighbour.astype(np.uint32), edge.astype(np.uint32)  # half the memory traffic
             self.factor: Factor | None = None
             self.late = self.steps_a_digit = 0.0  # steps beyond the usual since the factor was made; the usual ones
-            self.uniform = np.random.default_rng(0).random(99991)
+            self.uniform = sampling_numbers()
 
     def solve(self, weights: Floats, d: Floats, tolerance: float = 1e-10) -> Floats:
         """x (n, 3), x[0] = 0, that minimises sum of w_e |x_i - x_j - d_e|^2.

@@ -82,6 +82,11 @@ class Observations:
         return [MotionTerm.of(across.pairs, across.T_j_i, across.information)] if len(across) else []
 
 
+def most_certain(covariance: Floats, among: Bools) -> int:
+    """The keyframe `among` some (K,) whose covariance (K, 6, 6) has the smallest trace."""
+    return int(np.where(among, np.einsum("kii->k", covariance), np.inf).argmin())
+
+
 def shared_tracks(seen: Observations, new: Bools) -> Ints:
     """(K,) number of tracks of each keyframe that the `new` ones (K,) also see."""
     counts: Ints = np.bincount(seen.of_tracks_seen_by(new).frame, minlength=len(new))

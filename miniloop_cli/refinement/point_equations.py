@@ -29,7 +29,7 @@ class PointEquations(NamedTuple):
 
     @contextmanager
     def silent(self, rows: Ints) -> Iterator[PointEquations]:
-        """These equations while some rows say nothing: of a long recording, a copy would be hundreds of megabytes."""
+        """These equations with some rows zero meanwhile; a copy takes hundreds of megabytes for a long recording."""
         gradient, hessian = self.gradient[rows], self.hessian[rows]
         self.gradient[rows], self.hessian[rows] = 0.0, 0.0
         try:

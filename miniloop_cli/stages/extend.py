@@ -16,6 +16,7 @@ from miniloop_cli.mapping.adjustment import (
     added_uncertainty,
     adjusted_locally,
     covariance_beside_the_map,
+    most_certain,
     settled,
     shared_tracks,
 )
@@ -81,7 +82,7 @@ def _extended(
     T[new] = placed.T_new
     inside = np.append(old.piece, placed.piece)[of_part] == placed.piece
     T[new] = _by_edges(T, old.landmarks, part.edges, placed.edges, inside, new, scans, settings, run)
-    fixed = int(np.where(inside & ~new, np.einsum("kii->k", covariance), np.inf).argmin())
+    fixed = most_certain(covariance, inside & ~new)
     edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
     edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
 

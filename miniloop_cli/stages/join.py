@@ -8,7 +8,7 @@ import numpy as np
 
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
-from miniloop_cli.mapping.adjustment import settled
+from miniloop_cli.mapping.adjustment import most_certain, settled
 from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
@@ -66,7 +66,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         inside = piece[of_part] == together
         if settings.refine == "bundle":
             # The refinement stops where a step gains little. What is added later must find the map at rest.
-            fixed = int(np.where(inside, np.einsum("kii->k", covariance), np.inf).argmin())
+            fixed = most_certain(covariance, inside)
             T = settled(T, tracks, usable, inside, fixed, scans, settings.bundle, run.workers.threads).T_world_cam
         T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     seen = landmarks(scans.points, T, tracks)
