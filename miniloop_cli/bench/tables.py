@@ -68,7 +68,7 @@ def error_rows(folder: Path, graph: Overlaps, config: str, seed: int, workers: W
         settings = load_settings(preset, changes)
         if preset == "paper":  # which has its own T, for SURF
             own = overlaps(folder, settings, workers).least_as_in_paper
-            settings = load_settings(preset, (*changes, f"matching.min_matches={own}"))
+            settings = load_settings(preset, (*changes, "matching.edge_share=0", f"matching.min_matches={own}"))
         run: Registration | None
         try:
             run = register(graph.sequence, settings, Store(default_folder()), workers, seed)
@@ -94,6 +94,7 @@ def _errors(run: Registration | None, graph: Overlaps, edges: Matches) -> Row:
             errors = _means(*relative_errors(run.poses.T_world_cam, T_true, final))
         own = [edge for edge in run.edges.edges() if edge.pair in edges and edge.inlier_count]
     row: Row = {"registered": int(posed.sum()), "frames": len(posed), "edges_scored": len(final)} | errors
+    row["edges_of_run"] = len(run.edges) if run else 0
     return row | {f"estimate_{key}": value for key, value in _means(*_estimates(own, T_true, reached)).items()}
 
 

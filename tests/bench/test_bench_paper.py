@@ -120,6 +120,8 @@ def test_tables(folder, graph, tmp_path):
     assert default["registered"] == FRAMES and default["edges_scored"] == default["edges"]
     assert default["rot_deg_mean"] < 0.5 and default["trans_cm_mean"] < 1.5
     assert by_run["paper"]["registered"] < FRAMES or default["trans_cm_mean"] < by_run["paper"]["trans_cm_mean"]
+    own = overlaps(folder, load_settings("paper"), Workers(2))
+    assert by_run["paper"]["edges_of_run"] == len(own.with_matches(own.least_as_in_paper)), "of its own T"
     assert 0 < default["estimate_rot_deg_mean"] < 3
     assert default["paper_rot_deg_mean"] == 0.740
 
