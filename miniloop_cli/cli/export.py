@@ -31,7 +31,7 @@ recording = click.option(
     metavar="SEQ",
     help="The recording that was registered [default: its folder during the run].",
 )
-camera = options.camera("Camera file of SEQ (YAML, or of another tool) [default: the camera of the run].")
+camera = options.camera("Camera file of SEQ (YAML, or of another program) [default: the camera of the run].")
 
 
 @click.command(
