@@ -24,12 +24,12 @@ RUN if [ "$MESH" = yes ]; then mesh="libegl1 libgl1 libgomp1 libidn2-0 libusb-1.
 COPY --from=build /opt/miniloop /opt/miniloop
 
 # An ordinary user; any other (--user) may write to the cache, too. Kernels are compiled once and kept there.
-RUN useradd --create-home miniloop && mkdir -p /cache /work && chmod 1777 /cache /work
+RUN useradd --create-home --uid 1000 miniloop && mkdir -p /cache /work && chmod 1777 /cache /work
 ENV PATH=/opt/miniloop/bin:$PATH \
     XDG_CACHE_HOME=/cache \
     MPLCONFIGDIR=/cache/matplotlib \
     PYTHONUNBUFFERED=1
-USER miniloop
+USER 1000
 VOLUME /cache
 WORKDIR /work
 ENTRYPOINT ["miniloop"]

@@ -145,7 +145,7 @@ def reports() -> None:
         screenshot(room(**changes)[1] / "report.html", f"report-{name}.jpg")
 
 
-def screenshot(page: Path, name: str, size: tuple[int, int] = (1000, 900)) -> None:
+def screenshot(page: Path, name: str, size: tuple[int, int] = (1000, 1150)) -> None:
     """The top of a page in a real browser."""
     browser = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser is None:
@@ -153,6 +153,8 @@ def screenshot(page: Path, name: str, size: tuple[int, int] = (1000, 900)) -> No
         return
     target = WORK / "screenshot.png"
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--window-size={size[0]},{size[1]}"]
+    # Time for the 3D view, which is drawn without a graphics card.
+    flags += ["--virtual-time-budget=60000", "--enable-unsafe-swiftshader"]
     flags += ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
     flags += [f"--user-data-dir={WORK / 'profile'}", f"--screenshot={target}"]
     subprocess.run([browser, *flags, page.as_uri()], check=True, capture_output=True)
@@ -170,7 +172,7 @@ def desk() -> None:
         return
     result = WORK / "desk"
     register(recording, result)
-    screenshot(result / "report.html", "desk-report.jpg", (1000, 1150))
+    screenshot(result / "report.html", "desk-report.jpg")
     model = Model(Results(result), open_sequence(recording))
     surface = fuse(model, voxel_m=0.006, quiet=True)
     view = overview(surface.points, model.trajectory.T_world_cam, 10, 20, (1200, 760))

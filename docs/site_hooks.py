@@ -13,6 +13,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("BENCHMARK.md", "CHANGELOG.md", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "SECURITY.md")
 FOLDERS = ("examples", "scripts")
 SINGLE = ("LICENSE", "Dockerfile")
+WHOLE = 20
+"""The largest number of letters of a word of code that stands on one line of a table."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -46,7 +48,23 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
 
 def on_page_content(html: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Examples of the command line keep their lines."""
+    """Tables break neither words of code nor a number and its unit; paragraphs of help with columns keep their lines.
+
+    The style sheet keeps code in the first column of a table on one line.
+    """
+    html = re.sub(r"(?<!<tr>\n)<td.*?</td>", lambda cell: _unbroken(cell[0]), html, flags=re.DOTALL)
     if page.file.src_uri != "cli.md":
         return html
-    return re.sub(r"<p>((?:Examples?|Start here|Needs):.*?)</p>", r"<pre><code>\1</code></pre>", html, flags=re.DOTALL)
+    return re.sub(r"<p>([A-Z][a-z ]+:  .*?)</p>", r"<pre><code>\1</code></pre>", html, flags=re.DOTALL)
+
+
+def _unbroken(cell: str) -> str:
+    cell = re.sub(r"(?<=\d) (?=%|(?:[kMG]B|[cm]?m|[mµ]?s|deg|px)\b)", "\u00a0", cell)
+    return re.sub(r"<code>[^<]*(?=</code>)", lambda code: "<code>" + re.sub(r"\S+", _word, code[0][6:]), cell)
+
+
+def _word(match: re.Match[str]) -> str:
+    """A short word of code stays whole; a long one may break behind its slashes, dots and underscores."""
+    if len(match[0]) <= WHOLE:
+        return f'<span class="whole">{match[0]}</span>'
+    return re.sub(r"(?<=\w)([/._]+)(?=[\w*])", r"\1<wbr>", match[0])

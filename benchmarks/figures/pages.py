@@ -19,6 +19,8 @@ VALUE = re.compile(r"(<!--=([\w.-]+)-->).*?(<!--/-->)", re.DOTALL)
 RUN = re.compile(r"(<!--run=([\w-]+)\.(\w+)-->).*?(<!--/-->)", re.DOTALL)
 TABLE = re.compile(r"(<!--table=([\w.-]+)-->).*?(<!--/table-->)", re.DOTALL)
 OUTPUT = re.compile(r"(<!--output=([\w.-]+)-->).*?(<!--/output-->)", re.DOTALL)
+# Markdown takes a line that begins with a comment for HTML, and what follows on it for no Markdown.
+FIRST_ON_LINE = re.compile(r"^[ >]*(?:(?:[-*+]|\d+\.) +)?<!--(?:=|run=)", re.MULTILINE)
 ABOUT = """# Every figure, and where it comes from
 
 <!-- Made by `python -m benchmarks figures`; do not edit. -->
@@ -36,7 +38,13 @@ def pages() -> list[Path]:
 
 
 def filled(text: str, figures: Figures) -> str:
-    """The text with all marked figures as they are in results.json. Raises FigureError for an unknown key."""
+    """The text with all marked figures as they are in results.json.
+
+    Raises FigureError for an unknown key, and for a value that begins a line.
+    """
+    if first := FIRST_ON_LINE.search(text):
+        line = text.count("\n", 0, first.end()) + 1
+        raise FigureError(f"line {line} begins with a mark, which Markdown takes for HTML; put a word before it")
     text = VALUE.sub(lambda match: match[1] + figures.value(match[2]) + match[3], text)
     text = RUN.sub(lambda match: match[1] + str(figures.runs[match[2]][match[3]]) + match[4], text)
     text = OUTPUT.sub(lambda match: f"{match[1]}\n\n{figures.output(match[2])}\n\n{match[3]}", text)

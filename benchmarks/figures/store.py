@@ -52,8 +52,9 @@ class Figures:
         return f"{found['value']:.{found['digits']}f}" if "digits" in found else cell_text(found["value"])
 
     def output(self, key: str) -> str:
-        """A fenced block of what a program printed. Raises FigureError for an unknown key."""
-        return "\n".join(["```text", *_entry(self.outputs, key)["lines"], "```"])
+        """A fenced block of what a program printed, and its commands. Raises FigureError for an unknown key."""
+        lines = _entry(self.outputs, key)["lines"]
+        return "\n".join(["```console" if lines[0].startswith("$ ") else "```text", *lines, "```"])
 
     def run_of(self, key: str) -> str:
         """The name of the run that a table, value or output comes from."""

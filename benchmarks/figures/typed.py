@@ -14,8 +14,8 @@ from benchmarks.figures.store import FigureError
 
 LIMITS = Path(__file__).parents[1] / "limits.txt"
 CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]*`", re.DOTALL | re.MULTILINE)
-UNITS = "cm|mm|m|deg|degrees|°|s|ms|seconds|min|minutes|MB|GB|kB|KB|%|times"
-NUMBER = re.compile(rf"(?<![\w./^-])(\d[\d,]*(?:\.\d+)?)(?:-| ?)({UNITS})(?![\w/^])")
+UNITS = r"cm|mm|m|deg|degrees|°|s|ms|µs|us|seconds|min|minutes|MB|GB|kB|KB|%|times|of \d[\d,]*"
+NUMBER = re.compile(rf"(?<![\w./^,-])(\d+(?:,\d\d\d)*(?:\.\d+)?)(?:-| ?)({UNITS})(?![\w/^])")
 MADE = ("docs/settings.md", "docs/licences.md")  # by scripts
 
 

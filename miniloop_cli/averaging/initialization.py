@@ -21,12 +21,12 @@ def trust(weights: Floats) -> Floats:
 
 
 def voted_start(count: int, pairs: Ints, T_j_i: Floats, votes: Floats, near: tuple[float, float]) -> Floats:
-    """Poses (n, 7) that most edges of every scan agree with; hierarchical. Rows and `near` as in voting.py.
+    """Poses (n, 7) that most edges of every scan agree with; hierarchical. Poses and `near` as in voting.py.
 
     Clusters grow from scan to scan while the votes are sure. Then the clusters are the scans of a smaller graph, in
     which all edges between two clusters vote together, and so on. If no votes are sure (random graphs have no short
     loops), scans are placed by the available edges, and votes among all placed scans then correct wrong ones.
-    `votes` (m,) of the edges, about 1 for an ordinary one; the graph is connected.
+    pairs (m, 2), T_j_i (m, 7), `votes` (m,) of the edges, about 1 for an ordinary one; the graph is connected.
     """
     rows = adjacency(count, pairs)
     i, j = pairs.T
@@ -49,7 +49,10 @@ def voted_start(count: int, pairs: Ints, T_j_i: Floats, votes: Floats, near: tup
 
 
 def tree_start(count: int, pairs: Ints, q_j_i: Floats, weights: Floats) -> Floats:
-    """Rotations (n, 4) along the spanning tree of maximum weight, from the scan with the most of it."""
+    """Rotations (n, 4) along the spanning tree of maximum weight, from the scan with the most of it.
+
+    pairs (m, 2), quaternions q_j_i (m, 4) as in geometry/quaternion_kernels.py, weights (m,).
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 

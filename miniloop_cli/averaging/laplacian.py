@@ -127,7 +127,10 @@ class Differences:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def right_side(count: int, pairs: Ints, rows: Ints, weights: Floats, d: Floats) -> tuple[Floats, Floats]:
-    """b = A' W d (n, 3), and the sums of the weights at each scan (n,); d of edge e is row rows[e]."""
+    """b = A' W d (n, 3), and the sums of the weights at each scan (n,); d of edge e is row rows[e].
+
+    pairs (m, 2), rows (m,), weights (m,).
+    """
     b, degree = np.zeros((count, 3)), np.zeros(count)
     for e in range(len(pairs)):
         i, j, row, w = pairs[e, 0], pairs[e, 1], rows[e], weights[e]
@@ -154,7 +157,12 @@ def conjugate_gradients(
     tolerance: float,
     most: int,
 ) -> tuple[Floats, int]:
-    """x (n, 3) with Laplacian x = b, column by column, preconditioned by the factor (order .. D); number of steps."""
+    """x (n, 3) with Laplacian x = b, column by column, preconditioned by the factor (order .. D); number of steps.
+
+    The graph by scans: `first` (n + 1,), and `neighbour` and `weight` (2 m,) from there on; `degree` (n,): the sums of
+    the weights. The factor (`order`, `start`, `row`, `value`, `D`) is that of `eliminate`. It stops when the residual
+    is `tolerance` times b, or after `most` steps.
+    """
     n = len(b)
     x, r, z = np.zeros((n, 3)), b.copy(), np.empty((n, 3), dtype=np.float32)
     p, Lp = np.zeros((n, 3)), np.empty((n, 3))

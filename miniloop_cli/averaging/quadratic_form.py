@@ -47,7 +47,7 @@ class EdgeWeights:
         return EdgeWeights(_trace_equivalent(of_rotation) / 2, _trace_equivalent(H[:, 3:, 3:]), c_i)
 
     def times(self, rotation: Floats, translation: Floats) -> EdgeWeights:
-        """The weights times further weights (m,), as of a robust kernel."""
+        """The weights times further weights `rotation` and `translation` (m,), as of a robust kernel."""
         return EdgeWeights(_bounded(self.kappa * rotation), _bounded(self.tau * translation), self.c_i)
 
 

@@ -6,7 +6,8 @@ the mean of the agreeing ones. Later votes, with all scans placed, correct scans
 edge.
 
 Poses are rows (7,) as in geometry/pose_rows.py; `near` = (cosine of half an angle, squared distance) bounds the
-difference of agreeing poses.
+difference of agreeing poses. Edges are `pairs` (m, 2) with `T_j_i` (m, 7) and the vote `trust` (m,) of each. Those at
+a scan v are `neighbour` and `edge` (2 m,) from `start`[v] to `start`[v + 1], as `view_graph.adjacency` gives them.
 Rotations alone: translations zero. Translations alone, in the world frame: rotations the identity.
 """
 
@@ -46,7 +47,7 @@ def directed(T_j_i: Floats, pairs: Ints, e: int, v: int) -> Row:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
-    """Weighted mean of the proposals (k, 7) that agree with that of index `best`."""
+    """Mean of the proposals (k, 7), weighted by `vote` (k,), that agree with that of index `best`."""
     total, m = 0.0, np.zeros(7)
     b = load(proposal, best)
     for k in range(len(proposal)):
@@ -64,7 +65,10 @@ def mean(proposal: Floats, vote: Floats, best: int, near: Near) -> Row:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def next_scan(queue: Ints, head: Ints, tail: Ints, cluster: Ints) -> int:
-    """The free scan that is longest in the highest level of queue (levels, n); -1: none."""
+    """The free scan that is longest in the highest level of queue (levels, n); -1: none.
+
+    A level holds its scans from `head` to `tail` (levels,); `head` moves on. A scan is free where `cluster` (n,) is -1.
+    """
     for k in range(LEVELS - 1, -1, -1):
         while head[k] < tail[k]:
             v = queue[k, head[k]]
@@ -203,7 +207,10 @@ def vote_again(
     near: Near,
     voters: int,
 ) -> int:
-    """Move each scan of order (k,) to the pose that most of its edges agree on, in place; returns the number moved."""
+    """Move each scan of order (k,) to the pose that most of its edges agree on; returns the number moved.
+
+    The poses T (n, 7) are changed in place.
+    """
     proposal, vote, support = np.empty((voters, 7)), np.empty(voters), np.empty(voters)
     moved = 0
     for v in order:

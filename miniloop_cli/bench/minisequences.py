@@ -127,7 +127,7 @@ def _errors(loop: Loop, graph: Overlaps, edges: Matches, seed: int) -> Errors:
 
 
 def error_summary(mine: Floats, pairs: Floats | None) -> Row:
-    """Means and medians of (m, 2) errors; against pairwise the shares that are better, and equal."""
+    """Means and medians of errors `mine` (m, 2), degrees and cm; the shares better than and equal to `pairs` (m, 2)."""
     row: Row = dict.fromkeys((*COLUMNS, "rot_deg_median", "trans_cm_median"))
     for k, name in enumerate(("rot_deg", "trans_cm")):
         if len(mine):

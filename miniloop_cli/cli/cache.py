@@ -53,10 +53,12 @@ def show() -> None:
     folder = default_folder()
     kept = kept_files(folder)
     click.echo(f"{folder}: {total(kept)}")
-    for kind in sorted({file.kind for file in kept}):
+    kinds = sorted({file.kind for file in kept})
+    width = max(map(len, kinds), default=0)
+    for kind in kinds:
         own = [file for file in kept if file.kind == kind]
         oldest = max(file.age_days for file in own)
-        click.echo(f"  {kind:<10} {total(own):<26} least recently used {oldest:.0f} days ago")
+        click.echo(f"  {kind:<{width}}  {total(own):<24}  least recently used {oldest:.0f} days ago")
 
 
 @cache.command(context_settings=CONTEXT, short_help="Remove kept work.")

@@ -17,7 +17,7 @@ from miniloop_cli.cli.main import CONTEXT
 @click.option(
     "--gt",
     type=click.Path(exists=True, path_type=Path),
-    help="Ground truth: a trajectory, or a sequence that has one.",
+    help="Ground truth: a trajectory, or a recording that has one.",
 )
 @click.option("--scale", is_flag=True, help="Align with a free scale (Sim3), as for poses from colour alone.")
 @click.option(

@@ -32,7 +32,9 @@ def completion(shell: str) -> None:
     kind = get_completion_class(shell)
     if kind is None:  # cannot happen for the three choices
         raise click.UsageError(f"no completion for {shell}")
-    click.echo(kind(cli, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source())
+    script = kind(cli, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source()
+    # zsh has loaded the file by the second press of the tab key: click's test fails then, and nothing is completed.
+    click.echo(script.replace("$zsh_eval_context[-1] == loadautofunc", f'"$funcstack[1]" == _{PROGRAM}'))
 
 
 def complete_preset(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

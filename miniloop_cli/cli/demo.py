@@ -12,7 +12,9 @@ from miniloop_cli.cli.main import CONTEXT
 
 @click.command(context_settings=CONTEXT, short_help="Simulate a recording, register it, measure the error.")
 @options.output_dir("demo")
-@click.option("--frames", type=click.IntRange(min=3), default=30, show_default=True, help="Frames to simulate.")
+@click.option(
+    "--frames", type=click.IntRange(min=3), default=30, show_default=True, metavar="N", help="Frames to simulate."
+)
 @options.jobs
 @options.seed
 @options.quiet

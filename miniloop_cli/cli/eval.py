@@ -25,7 +25,7 @@ RPE_TITLES = {"edges": "graph edges", "consecutive": "consecutive", "seconds": "
     "--gt",
     required=True,
     type=click.Path(exists=True, path_type=Path),
-    help="Ground truth: a trajectory (TUM, KITTI, EuRoC ...), or a sequence that has one.",
+    help="Ground truth: a trajectory (TUM, KITTI, EuRoC ...), or a recording that has one.",
 )
 @click.option(
     "--gt-convention",

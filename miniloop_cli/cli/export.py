@@ -19,8 +19,8 @@ FORMATS = {
     "kitti": ("plain:write_kitti", "poses.txt (3 x 4 matrices) and times.txt"),
     "g2o": ("plain:write_graph", "graph.g2o: poses, edges and their information"),
     "open3d": ("open3d_json:write_open3d", "pose_graph.json, camera_trajectory.json"),
-    "colmap": ("colmap:write_colmap", "undistorted images, text model, depth maps"),
-    "nerfstudio": ("nerfstudio:write_nerfstudio", "transforms.json with depth"),
+    "colmap": ("colmap:write_colmap", "undistorted images, model (text and binary), depth maps, masks"),
+    "nerfstudio": ("nerfstudio:write_nerfstudio", "transforms.json with depth, cloud.ply"),
     "numpy": ("plain:write_numpy", "poses.npz"),
     "ply": ("plain:write_clouds", "cameras.ply and cloud.ply"),
 }
@@ -31,7 +31,7 @@ recording = click.option(
     metavar="SEQ",
     help="The recording that was registered [default: its folder during the run].",
 )
-camera = options.camera("Camera file of SEQ (YAML, or of another tool) [default: the camera of the run].")
+camera = options.camera("Camera file of SEQ (YAML, or of another program) [default: the camera of the run].")
 
 
 @click.command(

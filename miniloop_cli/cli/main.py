@@ -84,7 +84,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
 
     \b
     Start here:   miniloop demo
-    Your own:     miniloop register path/to/sequence
+    Your own:     miniloop register path/to/recording
     """
     ctx.obj = {"debug": debug}
 

@@ -53,11 +53,14 @@ def camera(
 
 
 max_frames = click.option("--max-frames", type=click.IntRange(min=1), metavar="N", help="Use N evenly spaced frames.")
-seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all randomness.")
+seed = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of all randomness."
+)
 jobs = click.option(
     "-j",
     "--jobs",
     type=click.IntRange(min=-1),
+    metavar="N",
     default=-1,
     show_default=True,
     callback=_check_jobs,

@@ -15,7 +15,7 @@ from miniloop_cli.cli.main import CONTEXT
 @click.option(
     "--gt",
     type=click.Path(exists=True, path_type=Path),
-    help="Ground truth: a trajectory, or a sequence that has one. Without it the first result is the reference.",
+    help="Ground truth: a trajectory, or a recording that has one. Without it the first result is the reference.",
 )
 @click.option("--scale", is_flag=True, help="Align with a free scale (Sim3) instead of a rigid motion.")
 @click.option(

@@ -17,7 +17,9 @@ HARD = ("blank", "dark", "blur", "covered", "doubled", "frozen", "swapped", "uns
 
 @click.command(context_settings=CONTEXT, short_help="A synthetic recording with exact ground truth.")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--frames", type=click.IntRange(min=1), default=30, show_default=True, help="Number of frames.")
+@click.option(
+    "--frames", type=click.IntRange(min=1), default=30, show_default=True, metavar="N", help="Number of frames."
+)
 @click.option("--width", type=int, default=640, show_default=True, help="Width of the images (px).")
 @click.option("--height", type=int, default=480, show_default=True, help="Height of the images (px).")
 @click.option("--scene", type=click.Choice(SCENES), default="room", show_default=True, help="What is recorded.")

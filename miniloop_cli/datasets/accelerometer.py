@@ -77,7 +77,7 @@ def _rows(path: Path) -> tuple[Floats, Floats, list[Note]]:
 def verticals(stamps_s: Floats, readings: Floats, at_s: Floats) -> Floats:
     """Unit vectors (m, 3) along the mean reading around times `at_s` (m,); NaN where there is no reading near.
 
-    The mean is weighted by a Gaussian in time of WINDOW_S.
+    Readings (k, 3) at `stamps_s` (k,), sorted. The mean is weighted by a Gaussian in time of WINDOW_S.
     """
     found = np.full((len(at_s), 3), np.nan)
     first, last = (np.searchsorted(stamps_s, at_s + sign * 3 * WINDOW_S) for sign in (-1, 1))

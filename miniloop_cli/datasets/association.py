@@ -17,7 +17,7 @@ def associate(
     second_s: Sequence[float] | Floats,
     max_difference_s: float = MAX_DIFFERENCE_S,
 ) -> Ints:
-    """One-to-one association of two sorted lists of stamps: (m, 2) indices, sorted by the first.
+    """One-to-one association of stamps `first_s` (a,) and `second_s` (b,), both sorted: (m, 2) indices, by the first.
 
     All pairs within `max_difference_s` are taken in the order of their difference, each stamp at most once
     (what the TUM benchmark's association does); of equal differences the earlier pair wins.

@@ -77,8 +77,8 @@ def units_at(stamps: Floats, frames_s: Floats) -> list[Unit]:
 def units_beside(stamps: Floats, frames_s: Floats, served: Callable[[Floats], int]) -> list[Unit]:
     """The possible units of (n,) sorted stamps of another file, the most likely first.
 
-    One if it is clear; none if they match the times (m,) of frames in no unit. `served`: gives the number of frames
-    that stamps in seconds serve.
+    One if it is clear; none if they match the times `frames_s` (m,) of frames in no unit. `served`: gives the number of
+    frames that stamps in seconds serve.
     """
     found, interval = units_at(stamps, frames_s), apart(stamps)
     usual = [u for u in found if len(stamps) < 2 or BESIDE_S[0] <= interval / u.per_s <= BESIDE_S[1]]

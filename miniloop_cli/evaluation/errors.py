@@ -22,7 +22,10 @@ def consecutive_pairs(n: int) -> Ints:
 
 
 def pairs_apart(timestamps_s: Floats, delta_s: float, tolerance: float = 0.1) -> Ints:
-    """(m, 2): each pose with the pose nearest to `delta_s` later, if that is within `tolerance` of delta."""
+    """(m, 2) rows: each pose with the one nearest to `delta_s` later, if that is within the share `tolerance` of it.
+
+    timestamps_s (n,), sorted.
+    """
     if len(timestamps_s) < 2:
         return np.empty((0, 2), np.int64)
     i = np.arange(len(timestamps_s))

@@ -50,7 +50,10 @@ class ColmapModel:
 
 
 def reprojection_errors(landmarks: Landmarks, T_cam_world: Floats, camera: Camera) -> Floats:
-    """(p,) mean distance in pixels between the projections of the points and their observations."""
+    """(p,) mean distance in pixels between the projections of the points and their observations.
+
+    T_cam_world (n, 4, 4) of the frames of the observations.
+    """
     T = T_cam_world[landmarks.frame]
     p_cam = np.einsum("kij,kj->ki", T[:, :3, :3], landmarks.points_world[landmarks.point]) + T[:, :3, 3]
     distance = np.linalg.norm(camera.project(p_cam) - landmarks.px, axis=1)

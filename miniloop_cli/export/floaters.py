@@ -34,7 +34,10 @@ def pieces(mesh: Mesh) -> Ints:
 
 
 def diagonals(mesh: Mesh, piece: Ints) -> Floats:
-    """Lengths (m) of the diagonals of the pieces' bounding boxes."""
+    """Lengths (m) of the diagonals of the pieces' bounding boxes.
+
+    piece (n,) of each vertex.
+    """
     order = np.argsort(piece, kind="stable")
     start = np.flatnonzero(np.diff(piece[order], prepend=-1))
     points = mesh.vertices[order].astype(float)

@@ -96,7 +96,7 @@ class Model:
 
 
 def rows_of(known_s: Floats, stamps_s: Floats, where: Path) -> Ints:
-    """(n,) row of each stamp among the sorted known ones. Raises InputError for a stamp that is not among them."""
+    """(n,) row of each of `stamps_s` (n,) among the sorted `known_s` (k,). Raises InputError for one not among them."""
     if not len(known_s):
         raise InputError(f"{where} has no frames")
     rows = nearest(known_s, stamps_s)

@@ -16,7 +16,7 @@ import numpy as np
 from miniloop_cli.datasets import ImageFile, read_color
 from miniloop_cli.export.model import Model
 from miniloop_cli.export.open3d_json import write_json
-from miniloop_cli.export.plain import write_clouds
+from miniloop_cli.export.plain import copy_model
 from miniloop_cli.export.undistort import imaged, stored_scale, undistorter, write_color, write_depth, write_png
 from miniloop_cli.geometry.conventions import OPENGL_AXES
 from miniloop_cli.geometry.lens import PINHOLE, Lens
@@ -81,7 +81,7 @@ def write_nerfstudio(model: Model, folder: Path) -> list[Path]:
         "h": camera.height,
         "depth_unit_scale_factor": 1 / stored_scale(sequence),
     }
-    clouds = [path for path in write_clouds(model, folder) if path.name == "cloud.ply"]
+    clouds = copy_model(model, folder)
     if clouds:
         data["ply_file_path"] = "cloud.ply"
     return [write_json(folder / "transforms.json", data | {"frames": frames}), *clouds]

@@ -67,16 +67,22 @@ def write_numpy(model: Model, folder: Path) -> list[Path]:
 
 def write_clouds(model: Model, folder: Path) -> list[Path]:
     """cameras.ply: camera centres in order of time, blue to red; cloud.ply: the model, if the run has one."""
-    cameras, cloud = folder / "cameras.ply", model.results.root / "cloud.ply"
+    cameras = folder / "cameras.ply"
     centres = model.trajectory.T_world_cam[:, :3, 3]
     share = np.linspace(0, 1, len(centres))[:, None]
     colors = np.rint((1 - share) * [40, 90, 200] + share * [220, 60, 40]).astype(np.uint8)
     write_ply(cameras, centres, colors, comment="camera centres in order of time, metres", precise=True)
+    return [cameras, *copy_model(model, folder)]
+
+
+def copy_model(model: Model, folder: Path) -> list[Path]:
+    """cloud.ply: the model, if the run has one."""
+    cloud, copy = model.results.root / "cloud.ply", folder / "cloud.ply"
     if not cloud.is_file():
-        return [cameras]
-    with cloud.open("rb") as source, atomic_write(folder / "cloud.ply", "wb") as file:
+        return []
+    with cloud.open("rb") as source, atomic_write(copy, "wb") as file:
         shutil.copyfileobj(source, file)
-    return [cameras, folder / "cloud.ply"]
+    return [copy]
 
 
 def write_graph(model: Model, folder: Path) -> list[Path]:

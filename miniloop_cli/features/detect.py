@@ -27,7 +27,7 @@ class Detection:
     descriptors: NDArray[Any]
 
     def rows(self, which: Ints) -> Detection:
-        """The keypoints of these rows, in this order."""
+        """The keypoints of the rows `which` (k,), in this order."""
         return Detection(self.px[which], self.radius_px[which], self.response[which], self.descriptors[which])
 
 

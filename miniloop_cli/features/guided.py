@@ -121,7 +121,9 @@ def search_windows(
 ) -> Ints:
     """Best feature of b (n,) for each of a's points (n, 3), -1 where there is none.
 
-    lens: fx fy cx cy; noise of a depth reading: a_m, b_per_m, z0_m (see DepthNoise).
+    T_b_a (4, 4); descriptors_a and descriptors_b (.., d); px_b (m, 2) undistorted pixels and z_b (m,) m of b's
+    features, whose cells are `order` (m,) from `start` (cells + 1,) on (see Searchable). lens: fx fy cx cy; noise of a
+    depth reading: a_m, b_per_m, z0_m (see DepthNoise).
     """
     rows = (start.shape[0] - 1) // columns
     found, T = np.full(p_a.shape[0], -1), T_b_a

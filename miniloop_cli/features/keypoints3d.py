@@ -70,7 +70,7 @@ SLOPE_STEP_PX = 5.0  # nearer readings differ by noise, farther ones by other su
 
 
 def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> Floats:
-    """Change of depth along x and y (n, 2) in m/px at (n, 2) pixels of depth z_m (n,); 0 across edges and holes."""
+    """Change of depth_m (h, w) along x and y (n, 2), m/px, at px (n, 2) of depth z_m (n,); 0 across edges and holes."""
     slope = np.zeros((len(px), 2))
     for axis in range(2):
         step = np.eye(2)[axis] * SLOPE_STEP_PX
@@ -80,7 +80,10 @@ def depth_slope(depth_m: Floats32, px: Floats, z_m: Floats, settings: Depth) -> 
 
 
 def smooth_slope(before_m: Floats, z_m: Floats, after_m: Floats) -> Floats:
-    """Slope (n,) in m/px from depths (n,) SLOPE_STEP_PX before, at and after pixels; 0 where they bend or are NaN."""
+    """Slope (n,) in m/px from depths (n,) at pixels, and `before_m` and `after_m` (n,) SLOPE_STEP_PX beside them.
+
+    0 where depths bend or are NaN.
+    """
     smooth = np.abs(before_m + after_m - 2 * z_m) < 0.01 + 0.03 * z_m
     return np.where(smooth, (after_m - before_m) / (2 * SLOPE_STEP_PX), 0.0)
 

@@ -133,7 +133,7 @@ def _least(keys: Bits) -> np.uint32:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def squared_distance(a: Bytes, b: Bytes) -> np.int32:
-    """Of two compact descriptors (d,); for compiled code."""
+    """Of two compact descriptors a (d,) and b (d,); for compiled code."""
     total = np.int32(0)
     for d in range(a.shape[0]):
         difference = np.int16(np.int16(a[d]) - np.int16(b[d]))  # every cast: numba would widen to 64 bits

@@ -51,7 +51,7 @@ CONVENTIONS = {
 
 
 def motions(T_world_cam: Floats, i: Ints, j: Ints) -> Floats:
-    """(m, 4, 4) T_j_i between rows i and j of (n, 4, 4) poses."""
+    """(m, 4, 4) T_j_i between the rows i (m,) and j (m,) of the poses (n, 4, 4)."""
     return se3.inverse(T_world_cam[j]) @ T_world_cam[i]
 
 

@@ -49,7 +49,7 @@ class Lens:
         return _FORMULAS[self.model].undistort(px, K, self.coefficients)
 
     def distort(self, px_ideal: Floats, K: Floats) -> Floats:
-        """The inverse: (n, 2) ideal pixels to measured ones; NaN for those that the lens cannot image."""
+        """The inverse: (n, 2) ideal pixels to (n, 2) measured ones, K (3, 3); NaN for those the lens cannot image."""
         if self.ideal or not len(px_ideal):
             return px_ideal
         f, centre = np.array([K[0, 0], K[1, 1]]), K[:2, 2]

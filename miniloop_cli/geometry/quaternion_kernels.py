@@ -47,7 +47,10 @@ def angle(a: Quaternion) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def residuals(q: Floats, pairs: Ints, q_j_i: Floats) -> Floats:
-    """log(R_j R_j_i R_i') of every edge: (m, 3) rotation vectors, rad, world frame."""
+    """log(R_j R_j_i R_i') of every edge: (m, 3) rotation vectors, rad, world frame.
+
+    q (n, 4), pairs (m, 2), q_j_i (m, 4).
+    """
     out = np.empty((len(pairs), 3))
     for e in range(len(pairs)):
         a = product(product(load(q, pairs[e, 1]), load(q_j_i, e)), conjugate(load(q, pairs[e, 0])))
@@ -61,7 +64,7 @@ def residuals(q: Floats, pairs: Ints, q_j_i: Floats) -> Floats:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def update(q: Floats, x: Floats) -> None:
-    """R_i <- exp(x_i) R_i in place; x (n, 3) rad, world frame."""
+    """R_i <- exp(x_i) R_i, q (n, 4) in place; x (n, 3) rad, world frame."""
     for i in range(len(q)):
         norm = math.sqrt(x[i, 0] ** 2 + x[i, 1] ** 2 + x[i, 2] ** 2)
         s = 0.5 if norm < 1e-12 else math.sin(norm / 2) / norm
@@ -72,7 +75,10 @@ def update(q: Floats, x: Floats) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def chain(pairs: Ints, q_j_i: Floats, order: Ints, via: Ints) -> Floats:
-    """Rotations (n, 4) along a tree: scans in order (n,), root first, each by its edge via (n,) to a placed one."""
+    """Rotations (n, 4) along a tree: scans in order (n,), root first, each by its edge via (n,) to a placed one.
+
+    pairs (m, 2), q_j_i (m, 4).
+    """
     q = np.zeros((len(order), 4))
     q[:, 0] = 1.0
     for k in range(1, len(order)):

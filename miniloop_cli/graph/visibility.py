@@ -37,7 +37,7 @@ def partners(
 ) -> list[Pair]:
     """Pairs (i, j), i < j, of `scans`: each scan with the `most` scans that share most of its view, sorted.
 
-    `group` (n,) of each scan: only pairs across groups.
+    Poses T_world_cam (n, 4, 4). `group` (n,) of each scan: only pairs across groups.
     """
     views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
     own = None if group is None else group[scans]
@@ -54,7 +54,10 @@ def partners(
 def pairs_in_view(
     T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera, least: float
 ) -> set[Pair]:
-    """Pairs (i, j), i < j, of `scans` of which one has the share `least` of its points in the image of the other."""
+    """Pairs (i, j), i < j, of `scans` of which one has the share `least` of its points in the image of the other.
+
+    scans (k,): rows of the poses T_world_cam (n, 4, 4).
+    """
     views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
     for a in range(len(scans)):
         for b in np.flatnonzero(_shares(a, *views, least) >= least):

@@ -44,7 +44,7 @@ def color_edges(color: Bytes) -> Floats32:
 
 
 def depth_edges(depth_m: Floats32) -> Floats32:
-    """(h, w) 1 on the nearer side of a jump, else 0; the outline of what is in front."""
+    """(h, w) 1 on the nearer side of a jump of depth_m (h, w), else 0; the outline of what is in front."""
     import cv2
 
     near = cv2.erode(np.where(depth_m > 0, depth_m, np.float32(1e3)), np.ones((3, 3), np.uint8))

@@ -161,7 +161,7 @@ def settled(
 ) -> Settled:
     """Keyframes `inside` a piece (K,), adjusted until they rest. Edges hold those that few points tie to the others.
 
-    Keyframes that neither ties, and `fixed`, keep their poses.
+    Keyframes that neither ties, and `fixed`, keep their poses. T_world_cam (K, 4, 4): where they start.
     """
     seen = Observations.of(tracks, scans, settings.min_frames)
     seen = seen.subset(inside[seen.frame])
@@ -175,7 +175,10 @@ def settled(
 def covariance_beside_the_map(
     T_world_cam: Floats, points: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
 ) -> Floats:
-    """(k, 6, 6) covariances of the `new` keyframes (K,) at the minimum, given all others."""
+    """(k, 6, 6) covariances of the `new` keyframes (K,) at the minimum, given all others.
+
+    Poses T_world_cam (K, 4, 4) and points (p, 3) m in the world. Covariances are of (w, v) in the camera's frame.
+    """
     kind = replace(_fine(settings), covariance=True, max_iterations=0)
     found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
     assert found.covariance is not None
@@ -187,7 +190,10 @@ def _fine(settings: Bundle) -> BundleSettings:
 
 
 def known_points(points: MapPoints, tracks: Tracks, first_feature: Ints) -> Floats:
-    """(tracks, 3) positions of the map's points of tracks; NaN for new tracks."""
+    """(tracks, 3) positions of the map's points of tracks; NaN for new tracks.
+
+    first_feature (K + 1,): number of the first feature of each keyframe among all.
+    """
     found = np.full((tracks.count, 3), np.nan)
     row = first_feature[tracks.frame] + tracks.feature
     old = row < len(points.of_feature)

@@ -30,7 +30,7 @@ def matched_again(
 
 
 def near_pairs(T_world_cam: Floats, inside: Ints, scans: ScanSet, settings: Bundle) -> list[Pair]:
-    """Pairs of the keyframes `inside` with most overlap by their poses (K, 4, 4)."""
+    """Pairs of the keyframes `inside` (k,) with most overlap by the poses T_world_cam (K, 4, 4) of all."""
     return partners(T_world_cam, inside, scans.points, scans.camera, settings.partners)
 
 
@@ -53,7 +53,10 @@ def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, lis
 
 
 def without_keyframes(points: MapPoints, keyframes: Bools, first_feature: Ints) -> MapPoints:
-    """The points as the other keyframes saw them; `keyframes` (K,) may be more than the points know."""
+    """The points as the other keyframes saw them; `keyframes` (K,) may be more than the points know.
+
+    first_feature (K + 1,): number of the first feature of each keyframe among all.
+    """
     lost = np.repeat(keyframes, np.diff(first_feature))[: len(points.of_feature)]
     return replace(points, of_feature=np.where(lost, -1, points.of_feature))
 

@@ -128,8 +128,8 @@ def cycle_system(
 ) -> float:
     """Normal equations H (6(n-1),)^2, g of a whole cycle; edge_H (edges, 6, 6) those of each edge; returns the cost.
 
-    Weights as in `edge_normal_equations`. `upright`: rotations are about z only (known vertical), so the other two
-    parameters are held.
+    T (n-1, 3, 4): the chain. Weights as in `edge_normal_equations`. `upright`: rotations are about z only (known
+    vertical), so the other two parameters are held.
     """
     chain, edges = T.shape[0], matches.start.shape[0] - 1
     poses, b, A, HA = np.empty((chain + 1, 3, 4)), np.empty(6), np.empty((chain, 6, 6)), np.empty((6, 6))

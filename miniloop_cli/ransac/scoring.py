@@ -16,7 +16,8 @@ BLOCK = 64  # matches scored between two checks whether the hypothesis can still
 def score(T: Floats, matches: Packed, inverse_gate2: Floats, first: int, last: int, soft: float, bound: float) -> float:
     """Truncated cost of the matches [first, last) under the pose T (3, 4); stops once it exceeds `bound`.
 
-    A match costs min(|T p - q|^2 / gate^2, 1) where soft = 1 (MSAC), and 0 or 1 where soft = 0 (counting).
+    inverse_gate2 (matches,) 1/m^2: the inverse square of each match's gate. A match costs min(|T p - q|^2 / gate^2, 1)
+    where soft = 1 (MSAC), and 0 or 1 where soft = 0 (counting).
     """
     P, Q = matches.P, matches.Q
     R00, R01, R02, t0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
@@ -44,8 +45,9 @@ def score_cycle(
 ) -> float:
     """Cost of all edges, the closing edge (scored first: only it sees the whole chain) through the composed poses.
 
-    T (n-1, 3, 4); closing (3, 4) is workspace. floors (edges,), updated: the least cost of each edge so far, infinite
-    at first. Scoring stops once the cost of the scored edges, plus the floors of the rest, exceeds `bound`.
+    T (n-1, 3, 4); inverse_gate2 (matches,) as in `score`; closing (3, 4) is workspace. floors (edges,), updated: the
+    least cost of each edge so far, infinite at first. Scoring stops once the cost of the scored edges, plus the floors
+    of the rest, exceeds `bound`.
     """
     chain, edges = T.shape[0], matches.start.shape[0] - 1
     left = 0.0
@@ -74,7 +76,8 @@ def best_of(
 ) -> float:
     """The cheapest of the hypotheses T (b, solutions, n-1, 3, 4), counts (b,), is copied to best (n-1, 3, 4).
 
-    Returns its cost, infinite if there is no hypothesis. floors (edges,) as in `score_cycle`.
+    Returns its cost, infinite if there is no hypothesis. inverse_gate2 (matches,) and floors (edges,) as in
+    `score_cycle`.
     """
     closing, best_cost = np.empty((3, 4)), np.inf
     for b in range(T.shape[0]):
@@ -93,7 +96,8 @@ def best_of(
 def inlier_sample_share(T: Floats, matches: Packed, inverse_gate2: Floats, samples: Ints, sizes: Ints) -> float:
     """Probability that a sample holds inliers of T (n-1, 3, 4) only: the product over the edges of their own shares.
 
-    samples (b, k) as they were drawn: the distance check of the sampling is thereby taken into account.
+    samples (b, k) as they were drawn, `sizes` (edges,) matches an edge: the distance check of the sampling is thereby
+    taken into account. inverse_gate2 (matches,) as in `score`.
     """
     closing = np.empty((3, 4))
     compose_into(T, closing)

@@ -24,7 +24,7 @@ class DepthTerm:
         return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows])
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:
-        """z minus the measured depth; NaN for a point behind the camera."""
+        """z of p_cam (3, k) minus the measured depth; NaN for a point behind the camera."""
         residual = np.where(p_cam[2] < NEAR_M, np.nan, (p_cam[2] - self.z_m) / self.sigma_m)
         jacobian = np.zeros((1, 3, len(residual)))
         jacobian[0, 2] = 1 / self.sigma_m

@@ -198,7 +198,10 @@ def add_edges(edges: Edges, block: Ints, R: Floats, t: Floats, damping: float, S
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_edges(edges: Edges, R: Floats, t: Floats, chi2: Floats, weight: Floats) -> float:
-    """Squared Mahalanobis residuals and robust weights (m,) into the arguments; half the robust cost is returned."""
+    """Squared Mahalanobis residuals and robust weights (m,) into the arguments; half the robust cost is returned.
+
+    Poses R (n, 3, 3) and t (n, 3) of the camera in the world; `chi2` and `weight` (m,) are written.
+    """
     R_ji, R_E, r, Lr = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)
     cost = 0.0
     for e in range(len(edges.i)):

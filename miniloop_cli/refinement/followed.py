@@ -31,7 +31,10 @@ def followed_measurements(between: Between, known: Bools, camera: Camera, per_fr
 
 
 def chosen_tracks(frame: Ints, track: Ints, per_frame: int) -> Bools:
-    """Which tracks (t,) take part: the longest first, as long as a frame they see has fewer than `per_frame`."""
+    """Which tracks (t,) take part: the longest first, as long as a frame they see has fewer than `per_frame`.
+
+    `frame` and `track` (k,) of each observation.
+    """
     order = np.lexsort((frame, track))
     start = np.searchsorted(track[order], np.arange(int(track.max(initial=-1)) + 2))
     longest = np.argsort(-np.diff(start), kind="stable")

@@ -24,7 +24,10 @@ LEAST_OBSERVATIONS = 20
 
 
 def path_runs(timestamps_s: Floats, known: Bools) -> list[Ints]:
-    """The frames that are `known` (n,), cut where they are more than MAX_GAP_S apart; runs of three and more."""
+    """The frames that are `known` (n,), cut where they are more than MAX_GAP_S apart; runs of three and more.
+
+    timestamps_s (n,).
+    """
     frames = np.flatnonzero(known)
     step_s = np.diff(timestamps_s[frames])
     runs = np.split(frames, np.flatnonzero((step_s > MAX_GAP_S) | (step_s <= 0)) + 1)
@@ -34,8 +37,8 @@ def path_runs(timestamps_s: Floats, known: Bools) -> list[Ints]:
 def twists(T_world_cam: Floats, timestamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Velocity v (n, 3) m/s and angular velocity w (n, 3) rad/s of the camera in its own frame.
 
-    Cubic splines through the poses that are `known`, cut where frames are more than MAX_GAP_S apart; zero for frames
-    without neighbours.
+    Cubic splines through the poses T_world_cam (n, 4, 4) that are `known` (n,), cut where frames are more than
+    MAX_GAP_S apart; zero for frames without neighbours.
     """
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline

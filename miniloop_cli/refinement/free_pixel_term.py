@@ -29,7 +29,7 @@ class FreePixelTerm:
         return replace(self, parameters=parameters)
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:
-        """The predicted pixel minus the measured one."""
+        """The predicted pixel of p_cam (3, k) minus the measured one."""
         seen, lost = self._projected(p_cam)
         residual = (seen.px - self.px) / self.sigma_px
         residual[0, lost], residual[1, lost] = BEHIND, 0.0

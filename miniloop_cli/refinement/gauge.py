@@ -23,7 +23,8 @@ from miniloop_cli.typing import Bools, Floats, Ints
 def anchor_of(count: int, pairs: Ints, fixed_frame: int, held: Bools | None = None) -> Ints:
     """(count,) the frame that keeps its pose in each frame's group: `fixed_frame` in its own, elsewhere the first.
 
-    Frames that are `held` (count,) are their own anchors; one of them is the anchor of the others in their group.
+    pairs (m, 2) of frames that measurements join. Frames that are `held` (count,) are their own anchors; one of them is
+    the anchor of the others in their group.
     """
     labels = components(count, pairs)
     _, first = np.unique(labels, return_index=True)
@@ -37,8 +38,8 @@ def anchor_of(count: int, pairs: Ints, fixed_frame: int, held: Bools | None = No
 def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Sequence[PoseTerm] = ()) -> Floats:
     """(n, 4, 4) motion of each frame's group that restores the given pose of its anchor, as far as the gauge is free.
 
-    If the vertical of a group is measured, position and heading of the anchor are restored; if poses in the world are
-    measured, nothing is.
+    T_given and T_refined (n, 4, 4), anchor (n,) of `anchor_of`. If the vertical of a group is measured, position and
+    heading of the anchor are restored; if poses in the world are measured, nothing is.
     """
     motion = T_given[anchor] @ se3.inverse(T_refined[anchor])
     free = np.full(len(anchor), int(Gauge.POSE))
@@ -57,7 +58,10 @@ def restoring_motion(T_given: Floats, T_refined: Floats, anchor: Ints, terms: Se
 
 
 def with_untied(covariance: Floats, anchor: Ints, fixed_frame: int, held: Bools | None = None) -> Floats:
-    """The covariances (n, 6, 6), infinite for frames not joined to the fixed one, or to one that is `held` (n,)."""
+    """The covariances (n, 6, 6), infinite for frames not joined to the fixed one, or to one that is `held` (n,).
+
+    anchor (n,) of `anchor_of`.
+    """
     untied = anchor != fixed_frame
     if held is not None:
         untied &= ~held[anchor]

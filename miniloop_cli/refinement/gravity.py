@@ -43,7 +43,7 @@ class GravityTerm:
     gauge: Gauge = Gauge.HEADING
 
     def linearise(self, T_world_cam: Floats) -> tuple[Floats, Floats]:
-        """R^T z - up, 3 numbers a frame with two degrees of freedom, as both are unit vectors."""
+        """R^T z - up of T_world_cam (n, 4, 4): 3 numbers a frame, two degrees of freedom, as both are unit vectors."""
         z_cam = T_world_cam[self.frames[:, 0], 2, :3]
         jacobian = np.zeros((len(z_cam), 1, 3, 6))
         jacobian[:, 0, :, :3] = se3.hat(z_cam) / self.sigma_rad  # (R exp(w))^T z = z_cam - w x z_cam
@@ -60,7 +60,7 @@ class Upright(NamedTuple):
 def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats, known: Bools) -> Upright | None:
     """The rotation of the world to z up, from the readings (in the cameras' axes) and the `known` poses (n, 4, 4).
 
-    None where no frame with a pose has a reading.
+    stamps_s (n,) of the frames; known (n,). None where no frame with a pose has a reading.
     """
     force, own = felt(accelerometer, T_world_cam, stamps_s, known)
     frames = np.flatnonzero(np.all(np.isfinite(force), axis=1))
@@ -89,8 +89,9 @@ def upright(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats,
 def felt(accelerometer: Accelerometer, T_world_cam: Floats, stamps_s: Floats, known: Bools) -> tuple[Floats, Floats]:
     """Mean reading and mean acceleration of the camera around each frame, (n, 3), in its axes, in units of gravity.
 
-    Both are means over the same readings, rotated along the path into the frame's axes. If frames are too far apart for
-    a path, the reading is the accelerometer's mean direction and the acceleration is zero; NaN without readings.
+    Poses T_world_cam (n, 4, 4), those that are `known` (n,), at `stamps_s` (n,). Both are means over the same readings,
+    rotated along the path into the frame's axes. If frames are too far apart for a path, the reading is the
+    accelerometer's mean direction and the acceleration is zero; NaN without readings.
     """
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline

@@ -35,7 +35,7 @@ class MotionTerm:
         return MotionTerm(frames, T_j_i, root)
 
     def linearise(self, T_world_cam: Floats) -> tuple[Floats, Floats]:
-        """Six numbers a motion, in sigmas along the axes of its information."""
+        """Six numbers a motion between poses T_world_cam (n, 4, 4), in sigmas along the axes of its information."""
         i, j = self.frames.T
         E = se3.inverse(T_world_cam[j]) @ T_world_cam[i] @ se3.inverse(self.T_j_i)
         R_E, t_E = E[:, :3, :3], E[:, :3, 3]

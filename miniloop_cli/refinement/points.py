@@ -23,7 +23,8 @@ def initial_points(
 ) -> tuple[Floats, Bools]:
     """(p, 3) world points of the tracks and whether each can be trusted (p,); the others are zero.
 
-    Observations are sorted by track; z_m is NaN where there is no depth. With depth: the weighted geometric median of
+    Poses R_world_cam (n, 3, 3), t_world_cam (n, 3) m. Observations `frame`, `track` (k,), px (k, 2) undistorted pixels
+    and z_m (k,) are sorted by track; z_m is NaN where there is no depth. With depth: the weighted geometric median of
     the back-projected points (Weiszfeld's iteration), which is robust to one wrong depth. Without: the point nearest to
     all rays, if their angle is a degree or more. A track seen in one frame is not trusted.
     """

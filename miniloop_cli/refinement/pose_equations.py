@@ -39,7 +39,7 @@ def add_pose_terms(
     S: Floats,
     g: Floats,
 ) -> None:
-    """Add the terms at the poses (n, 4, 4) to the blocks S of the system and to the gradient g (n, 6).
+    """Add the terms at the poses T_world_cam (n, 4, 4) to the blocks S of the system and to the gradient g (n, 6).
 
     The diagonal grows by `damping` times itself. Poses that no measurement joins to others are `loose` (n,): they do
     not move in directions that no term measures.

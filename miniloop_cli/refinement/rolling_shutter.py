@@ -49,7 +49,10 @@ class MovingCamera:
         return twists(T_world_cam, self.stamps_s, self.known)
 
     def flow(self, measured: Measurements, T_world_cam: Floats, motion: Twists, points: Floats | None = None) -> Flow:
-        """Motion of the measured points in the images, at the depths of `points` (p, 3) or at those measured."""
+        """Motion of the measured points in the images, at the depths of `points` (p, 3) or at those measured.
+
+        Poses T_world_cam (n, 4, 4).
+        """
         unknown = np.full((int(measured.track.max(initial=-1)) + 1, 3), np.nan)
         depth_m = camera_depths(measured, T_world_cam, unknown if points is None else points)
         return flow(measured, depth_m, *motion, self.camera)
@@ -62,7 +65,7 @@ def adjust(
 ) -> BundleResult:  # fmt: skip
     """Bundle adjustment of the measurements, or of their corrected values px (k, 2) and z_m (k,).
 
-    It starts from `points` (p, 3), if given.
+    It starts from the poses T (n, 4, 4), and from `points` (p, 3), if given.
     """
     px, z_m = measured.px_ideal if px is None else px, measured.z_m if z_m is None else z_m
     return bundle_adjust(
@@ -74,7 +77,10 @@ def adjust_upright(
     T: Floats, measured: Measurements, moving: MovingCamera, settings: BundleSettings, jobs: int,
     px: Floats | None = None, z_m: Floats | None = None, points: Floats | None = None,
 ) -> BundleResult:  # fmt: skip
-    """`adjust` of T (n, 4, 4), held upright if there is an accelerometer, in a world whose z is up."""
+    """`adjust` of T (n, 4, 4), held upright if there is an accelerometer, in a world whose z is up.
+
+    px (k, 2), z_m (k,) and points (p, 3) as in `adjust`.
+    """
     found = None
     if moving.accelerometer is not None:
         found = upright(moving.accelerometer, T, moving.stamps_s, moving.known)

@@ -131,7 +131,7 @@ def step_tracks(
 ) -> None:
     """Back-substitute the pose step (n, 6) into the points X (p, 3) of the tracks low..high - 1.
 
-    L (p, 3, 3) as `reduce_tracks` left it.
+    R (n, 3, 3) of the poses, L (p, 3, 3) as `reduce_tracks` left it.
     """
     q, g = np.empty((1, 3)), np.empty((1, 3))
     for p in range(low, high):

@@ -59,7 +59,7 @@ class Flow:
 
 
 def flow(measured: Measurements, depth_m: Floats, v: Floats, w: Floats, camera: Camera) -> Flow:
-    """Motion in the image of points at the measured pixels and depths (k,), for a camera with twists v, w (n, 3)."""
+    """Motion in the image of points at the measured pixels and `depth_m` (k,), for a camera with twists v, w (n, 3)."""
     X, v, w = camera.backproject(measured.px_ideal, depth_m), v[measured.frame], w[measured.frame]
     X_dot = -v - np.cross(w, X)
     px = np.stack(
@@ -119,7 +119,10 @@ def slopes(
 
 
 def camera_depths(measured: Measurements, T_world_cam: Floats, points_world: Floats) -> Floats:
-    """Depth (k,) of each observation's point in its camera; the measured depth where the point is not known."""
+    """Depth (k,) of each observation's point in its camera; the measured depth where the point is not known.
+
+    Poses T_world_cam (n, 4, 4), points_world (p, 3) m, NaN where not known.
+    """
     X = points_world[measured.track]
     T = se3.inverse(T_world_cam)[measured.frame]
     z = np.einsum("ki,ki->k", T[:, 2, :3], X) + T[:, 2, 3]

@@ -44,7 +44,7 @@ def model_pictures(cloud: Path, T_world_cam: Floats, store: Store) -> tuple[int,
 
 
 def edge_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, store: Store) -> Bytes | None:
-    """Frames i and j with their (k, 2) measured inlier pixels joined, as JPEG; None if an image cannot be read."""
+    """Frames i, j with their inliers px_i, px_j (k, 2), measured pixels, joined, as JPEG; None if one is unreadable."""
 
     def drawn() -> Arrays:
         picture = match_picture(sequence, i, j, px_i, px_j)

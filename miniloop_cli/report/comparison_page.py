@@ -46,7 +46,7 @@ def differences(found: Comparison) -> list[str]:
         f"{len(cm)} poses are compared, after {found.laid.numbers['protocol']['alignment']} alignment on positions.",
         f"Positions differ by {rmse:.2f} cm RMSE, {np.median(cm):.2f} cm at the median, {cm.max():.2f} cm at most; "
         f"rotations by {np.median(deg):.2f} deg at the median, {deg.max():.2f} deg at most.",
-        f"They differ most at frames {found.farthest}.",
+        f"They differ most at frame{'' if found.farthest.isdigit() else 's'} {found.farthest}.",
     ]
     if abs(found.scale - 1) > SCALE_OFF and found.laid.numbers["protocol"]["alignment"] == "SE3":
         said.append(f"The second is {found.scale:.3f} times as large as the first: --scale takes that out.")

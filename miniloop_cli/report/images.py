@@ -42,7 +42,7 @@ def frame_image(sequence: Sequence, index: int, width: int) -> tuple[Bytes, floa
 
 
 def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats, width: int = 400) -> Bytes | None:
-    """Both images side by side, (k, 2) measured inlier pixels joined; None if an image cannot be read."""
+    """Both images side by side, inliers px_i, px_j (k, 2), measured pixels, joined; None if one is unreadable."""
     left, right = frame_image(sequence, i, width), frame_image(sequence, j, width)
     if left is None or right is None:
         return None

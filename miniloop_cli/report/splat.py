@@ -81,7 +81,10 @@ def render(points: NDArray[np.floating], colors: Bytes, view: View, point_m: flo
 
 
 def shade(picture: Bytes, depth: Floats32) -> Bytes:
-    """Darken pixels that lie behind their neighbours (eye-dome lighting, Boucheny 2009): shape shows at once."""
+    """Darken pixels that lie behind their neighbours (eye-dome lighting, Boucheny 2009): shape shows at once.
+
+    picture (h, w, 3), depth (h, w), not finite where nothing is.
+    """
     log_depth = np.log(np.where(np.isfinite(depth), depth, np.nan))
     behind = np.zeros(depth.shape, depth.dtype)
     for axis in (0, 1):

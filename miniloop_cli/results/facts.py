@@ -23,7 +23,8 @@ def facts(data: RunColumns, evaluation: Evaluation | None) -> list[str]:
     if len(edges):
         counts = Counter(text or "unknown" for text in edges.verdict)
         listed = ", ".join(f"{count} {name}" for name, count in counts.most_common())
-        said.append(f"{len(edges)} pairs of frames have enough matches: {listed}.")
+        pairs = "1 pair of frames has" if len(edges) == 1 else f"{len(edges)} pairs of frames have"
+        said.append(f"{pairs} enough matches: {listed}.")
     kept = edges.worst_first
     if len(kept):
         worst = kept[0]

@@ -45,7 +45,7 @@ def write_g2o(
     T_j_i: Floats,
     information: Floats,
 ) -> None:
-    """Write a pose graph; arrays (n, ...) and (m, ...) as in PoseGraph.
+    """Write a pose graph: ids (n,), T_world_cam (n, 4, 4), pairs (m, 2), T_j_i (m, 4, 4), information (m, 6, 6).
 
     The noise Exp(xi) on T_j_i, xi in frame j, is Exp(xi)^-1 on the right of T_i_j: to first order the same
     information matrix, only the order of its blocks changes.

@@ -96,12 +96,18 @@ def adjacency(count: int, pairs: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def elimination_order(count: int, pairs: Ints) -> Ints:
-    """Scans (count,) in an order that keeps factors of matrices with this graph sparse."""
+    """Scans (count,) in an order that keeps factors of matrices with this graph sparse.
+
+    pairs (m, 2): the edges.
+    """
     return elimination(count, pairs)[0]
 
 
 def elimination(count: int, pairs: Ints) -> tuple[Ints, float]:
-    """The order (n,) of elimination by multiple minimum degree, and the multiplications that its factor takes."""
+    """The order (n,) of elimination by multiple minimum degree, and the multiplications that its factor takes.
+
+    pairs (m, 2): the edges between `count` scans.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import splu
 

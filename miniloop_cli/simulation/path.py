@@ -18,7 +18,10 @@ CUT_SHARE = 0.2  # of the path, left out at a cut
 
 
 def look(position_m: Floats, yaw_rad: Floats, pitch_rad: Floats, roll_rad: Floats) -> Floats:
-    """(n, 4, 4) poses at (n, 3) positions; yaw about the vertical, pitch > 0 looks up."""
+    """(n, 4, 4) poses at positions (n, 3) with angles (n,); yaw_rad about the vertical, pitch_rad > 0 looks up.
+
+    position_m in the world; roll_rad about the optical axis.
+    """
     zero, one = np.zeros_like(yaw_rad), np.ones_like(yaw_rad)
     forward = np.stack(
         [np.cos(yaw_rad) * np.cos(pitch_rad), np.sin(yaw_rad) * np.cos(pitch_rad), np.sin(pitch_rad)], -1

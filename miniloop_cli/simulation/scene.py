@@ -58,7 +58,10 @@ class Scene:
         paint: Paint,
         from_within: bool = False,
     ) -> int:
-        """Add a box; `paint(face, width_m, height_m)`, faces -x +x -y +y -z +z, returns texture and texels a metre."""
+        """Add a box; `paint(face, width_m, height_m)`, faces -x +x -y +y -z +z, returns texture and texels a metre.
+
+        centre_m (3,) in the world, half_m (3,) half of its edges, turned by `yaw_rad` about the vertical.
+        """
         T_world_box = se3.pose(se3.exp_so3(np.array([0, 0, yaw_rad])), centre_m)
         self.T_box_world.append(se3.inverse(T_world_box))
         self.half_m.append(np.asarray(half_m, float))

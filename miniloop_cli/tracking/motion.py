@@ -75,8 +75,9 @@ def normal_equations(
 ) -> tuple[Floats, Floats, Floats]:
     """H (6, 6), g (6,) by steps (w, v) of [exp(w) | v] T, and the size (n,) of each residual in sigmas.
 
-    lens: fx fy cx cy. A Cauchy kernel of this `scale` on pixels, and on depth; infinity: none. The size is that of the
-    pixels; NaN for a point behind the camera.
+    p_key (n, 3) m in the keyframe; px_ideal (n, 2) undistorted pixels, z_m and sigma_z_m (n,) in the frame; T (4, 4)
+    from keyframe to frame. lens: fx fy cx cy. A Cauchy kernel of this `scale` on pixels, and on depth; infinity: none.
+    The size is that of the pixels; NaN for a point behind the camera.
     """
     H, g, size = np.zeros((6, 6)), np.zeros(6), np.full(len(p_key), np.nan)
     J, r, w = np.zeros((3, 6)), np.zeros(3), np.zeros(3)

@@ -64,7 +64,7 @@ def predict(graph: nx.Graph, pair: Pair) -> Prediction | None:
 
 
 def agree(T_a: Floats, T_b: Floats) -> Bools:
-    """Whether relative poses (..., 4, 4) differ by less than AGREE_DEG and AGREE_M."""
+    """Whether relative poses T_a, T_b (..., 4, 4) differ by less than AGREE_DEG and AGREE_M."""
     E = se3.inverse(T_a) @ T_b
     return (se3.rotation_angle_deg(E[..., :3, :3]) < AGREE_DEG) & (np.linalg.norm(E[..., :3, 3], axis=-1) < AGREE_M)
 

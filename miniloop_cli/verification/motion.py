@@ -91,14 +91,20 @@ def impossible_steps(
 
 
 def step_sizes(T_world_cam: Floats, scans: Ints, stamps_s: Floats) -> tuple[Floats, Floats, Floats]:
-    """Degrees, metres and seconds (m - 1,) from each of m `scans` to the next one."""
+    """Degrees, metres and seconds (m - 1,) from each of `scans` (m,) to the next one.
+
+    T_world_cam (n, 4, 4), stamps_s (n,) of all scans.
+    """
     T, stamps_s = T_world_cam[scans], stamps_s[scans]
     step = se3.inverse(T[:-1]) @ T[1:]
     return *se3.angle_and_distance(step), np.diff(stamps_s)
 
 
 def usual(size: Floats, time_s: Floats, judged: Bools) -> Floats:
-    """The size (n,) that each step would have at the usual speed of its neighbours; infinite if these are too few."""
+    """The size (n,) that each step would have at the usual speed of its neighbours; infinite if these are too few.
+
+    Steps of `size` (n,), degrees or metres, in `time_s` (n,); only those `judged` (n,) count as neighbours.
+    """
     out = np.full(len(size), np.inf)
     speed = size / np.maximum(time_s, 1e-9)
     for k in range(len(size)):
@@ -110,7 +116,7 @@ def usual(size: Floats, time_s: Floats, judged: Bools) -> Floats:
 
 
 def gaps_before(stamps_s: Floats) -> Bools:
-    """(n,) whether the time since the frame before is a gap in a recording of n frames."""
+    """(n,) whether the time since the frame before is a gap, for sorted stamps_s (n,)."""
     time_s = np.diff(stamps_s, prepend=stamps_s[:1])
     return time_s > GAP * float(np.median(time_s[1:])) if len(stamps_s) > 1 else np.zeros(len(stamps_s), bool)
 

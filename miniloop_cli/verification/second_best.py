@@ -63,7 +63,7 @@ class Elsewhere:
 def placements_elsewhere(
     T_world_cam: Floats, scans: Ints, here: EdgeTable, others: EdgeTable, settings: Averaging, least: int
 ) -> list[Elsewhere]:
-    """Parts of the `scans` of a component that fit at another place; poses (n, 4, 4) of all scans.
+    """Parts of the `scans` of a component that fit at another place; T_world_cam (n, 4, 4) of all scans.
 
     `here`: edges that agree with the poses; `others`: those that contradict them; all between the `scans`. `least`: the
     smallest number of inliers of an alternative.

@@ -59,6 +59,6 @@ def second_modes(
 
 
 def differ(T_a: Floats, T_b: Floats, settings: Averaging) -> bool:
-    """Whether two relative poses (4, 4) differ by more than the largest residual of an edge."""
+    """Whether two relative poses T_a, T_b (4, 4) differ by more than the largest residual of an edge."""
     angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_a) @ T_b)
     return bool(angle_deg > settings.max_residual_deg or distance_m > settings.max_residual_m)

@@ -46,8 +46,8 @@ def test_pages_have_no_typed_figures():
 
 def test_typed_numbers_are_found_outside_of_marks_and_code():
     text = "An error of <!--=walk.ate-->9<!--/--> cm, 3.5 cm and 12 %.\n`5 MB`\n"
-    text += "```\n7 s\n```\n1,200 times, 30° x 2, 4 m/s\n"
-    found = [(1, "3.5 cm"), (1, "12 %"), (6, "1,200 times"), (6, "30 °")]
+    text += "```\n7 s\n```\n1,200 times, 30° x 2, 4 m/s\n33 µs, 5 of 12 frames, 100, of 9\n"
+    found = [(1, "3.5 cm"), (1, "12 %"), (6, "1,200 times"), (6, "30 °"), (7, "33 µs"), (7, "5 of 12")]
     assert list(typed.typed_numbers(text)) == found
     listed = {f"README.md: {number}" for _, number in found}
     typed.compare({"README.md": text}, listed)
@@ -74,12 +74,19 @@ def test_marks_are_filled_and_all_else_stays(figures):
         f"<!--table=walk.all-->\n\n{table}\n\n<!--/table-->\n"
     )
     assert pages.filled(made, figures) == made
-    assert pages.filled("<!--run=walk.date--><!--/-->", figures) == "<!--run=walk.date-->2026-01-02<!--/-->"
+    assert pages.filled("On <!--run=walk.date--><!--/-->", figures) == "On <!--run=walk.date-->2026-01-02<!--/-->"
+
+
+@pytest.mark.parametrize("start", ["", "  ", "- ", "> ", "1. "])
+def test_no_line_begins_with_a_mark(figures, start):
+    with pytest.raises(FigureError, match="line 2 begins with a mark"):
+        pages.filled(f"The error is\n{start}<!--=walk.ate-->0.25<!--/--> cm.", figures)
+    pages.filled("The error is\nof <!--=walk.ate-->0.25<!--/--> cm.\n\n<!--table=walk.all--><!--/table-->\n", figures)
 
 
 def test_unknown_figures_and_runs_are_named(figures, tmp_path):
     with pytest.raises(FigureError, match=r"no figure 'walk\.nothing'"):
-        pages.filled("<!--=walk.nothing--><!--/-->", figures)
+        pages.filled("About <!--=walk.nothing--><!--/-->", figures)
     figures.values["walk.ate"]["row"] = ["quick"]
     with pytest.raises(FigureError, match="no cell"):
         figures.value("walk.ate")

@@ -30,7 +30,7 @@ def test_show(store):
     text = invoke("cache").stdout
     assert text == invoke("cache", "show").stdout
     assert text.startswith(f"{store.folder}: 3 files, 0.0 MB")
-    assert "features   2 files" in text
+    assert "  features  2 files" in text
     assert "40 days ago" in text
     assert "photos" not in text
 

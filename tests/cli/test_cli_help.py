@@ -58,6 +58,7 @@ def test_help_and_completion_import_nothing_heavy():
 def test_completion_scripts(shell, tmp_path):
     script = invoke("completion", shell).stdout
     assert "_MINILOOP_COMPLETE" in script
+    assert ('"$funcstack[1]" == _miniloop' in script) == (shell == "zsh")  # also at the second press of the key
     if shutil.which(shell):
         (tmp_path / "script").write_text(script)
         assert subprocess.run([shell, "-n", tmp_path / "script"], check=False).returncode == 0

@@ -164,6 +164,13 @@ def test_command(run, name):
     assert CliRunner().invoke(export, [*arguments, "-q"], catch_exceptions=False).output == ""
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_file_is_written_that_is_not_told(run, tmp_path, name):
+    arguments = [str(run.results), "--sequence", str(run.sequence), "--to", name, "-o", str(tmp_path)]
+    told = CliRunner().invoke(export, arguments, catch_exceptions=False).stdout.split("\n")
+    assert {str(path) for path in tmp_path.iterdir() if path.is_file()} <= set(told)
+
+
 @pytest.mark.parametrize("name", ["colmap", "nerfstudio"])
 def test_the_recording_is_asked_for(run, tmp_path, name):
     write = {"colmap": write_colmap, "nerfstudio": write_nerfstudio}[name]

@@ -73,6 +73,29 @@ def test_functions_that_raise_say_so():
     assert unsaid == []
 
 
+def about_module(where):
+    """The docstring of the module of a function."""
+    return ast.get_docstring(ast.parse((PACKAGE / where.split(":")[0]).read_text(encoding="utf-8"))) or ""
+
+
+def test_every_array_is_described():
+    """By its name, in the docstring of the function, its class or its module; or there are as many shapes as arrays."""
+    undescribed, counted = [], 0
+    for where, node, about in public_functions():
+        said = ast.get_docstring(node)
+        if not said:
+            continue
+        arguments = [one for one in (*node.args.args, *node.args.kwonlyargs) if one.annotation is not None]
+        names = [one.arg for one in arguments if ARRAY.search(ast.unparse(one.annotation))]
+        counted += len(names)
+        text = " ".join((said, about, about_module(where)))
+        unnamed = [name for name in names if not re.search(rf"\b{name}\b", text)]
+        if unnamed and len(SHAPE.findall(said)) < len(names):
+            undescribed.append((where, unnamed))
+    assert counted > 800
+    assert undescribed == []
+
+
 def test_functions_of_arrays_state_their_shapes():
     unstated, counted = [], 0
     for where, node, about in public_functions():

@@ -59,7 +59,7 @@ def test_the_command_writes_table_page_and_json(run, other, tmp_path):
     done = CliRunner().invoke(cli, [*arguments, "--json", str(numbers)], catch_exceptions=False)
     assert re.search(r"verified edges that only it has +1 +1\n", done.stdout)
     assert re.search(r"matching\.count +5 +7\n", done.stdout)
-    assert "They differ most at frames 3." in done.stdout
+    assert "They differ most at frame 3." in done.stdout
     assert json.loads(numbers.read_text())["only"] == [[[1, 2]], [[1, 4]]]
     html = page.read_text()
     scene = json.loads(re.search(r'id="v-scene">(.*?)</script>', html, re.DOTALL)[1])

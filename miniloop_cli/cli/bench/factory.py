@@ -40,7 +40,9 @@ def numbers(place: str, form: str, *names: str, **heads: str) -> tuple[Column, .
 
 def whole(name: str, least: int, default: int, meaning: str) -> Callable:
     """An option `name` that is a whole number, at least `least`."""
-    return click.option(name, type=click.IntRange(min=least), default=default, show_default=True, help=meaning)
+    return click.option(
+        name, type=click.IntRange(min=least), metavar="N", default=default, show_default=True, help=meaning
+    )
 
 
 def several(name: str, kind: click.ParamType, default: Sequence[Any], meaning: str) -> Callable:

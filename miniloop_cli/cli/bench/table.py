@@ -103,6 +103,7 @@ MINISEQUENCES = Benchmark(
         click.option(
             "--min-matches",
             type=click.IntRange(min=3),
+            metavar="N",
             help="Smallest number of matches of an edge [default: keeps the paper's share of pairs].",
         ),
         click.option(

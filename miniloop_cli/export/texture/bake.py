@@ -101,7 +101,10 @@ def colors_at(color: Bytes, px: Floats | Floats32) -> Floats32:
 
 
 def levelled(charts: Charts, mesh: Mesh, rows: Ints, read: Read, gain: Floats) -> tuple[Floats32, Floats32]:
-    """Offsets (n, 3) of the nodes that close the seams; and the colours of the mesh at the nodes with these offsets."""
+    """Offsets (n, 3) of the nodes that close the seams; and the colours of the mesh at the nodes with these offsets.
+
+    rows (v,): the frame of each view; gain (v, 3): what its colours are multiplied by.
+    """
     pairs = seam_pairs(charts.vertex)
     color = mesh.colors[charts.vertex].astype(np.float32)
     bare = color.copy()

@@ -111,7 +111,7 @@ def texture_coordinates(charts: Charts, layout: Layout) -> tuple[Floats32, Trian
 
 
 def paint_cells(texture: Bytes, layout: Layout, colors: Floats32) -> None:
-    """Fill the cells of the bare triangles, whose corners have `colors` (k, 3, 3)."""
+    """Fill the cells of the bare triangles, whose corners have `colors` (k, 3, 3), in `texture` (h, w, 3)."""
     place = np.arange(CELL_PX) / 2
     u, v = np.meshgrid(place, place)
     weight = np.stack([1 - u - v, u, v], axis=-1)

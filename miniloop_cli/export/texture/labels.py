@@ -75,7 +75,10 @@ def choose_labels(mesh: Mesh, view: Labels, quality: Floats32) -> Labels:
 
 
 def neighbours(pairs: Ints, count: int) -> NDArray[np.int32]:
-    """(m, 3) triangles beside each triangle, -1 where there are fewer; of more than three, some."""
+    """(m, 3) triangles beside each triangle, -1 where there are fewer; of more than three, some.
+
+    pairs (k, 2) of triangles with a common edge.
+    """
     ends = np.concatenate([pairs, pairs[:, ::-1]])
     ends = ends[np.argsort(ends[:, 0], kind="stable")]
     first = np.searchsorted(ends[:, 0], np.arange(count))
@@ -87,7 +90,10 @@ def neighbours(pairs: Ints, count: int) -> NDArray[np.int32]:
 
 
 def patches(label: Labels, pairs: Ints) -> Ints:
-    """(m,) number of the patch of every triangle: connected triangles with one view form a patch."""
+    """(m,) number of the patch of every triangle: connected triangles with one view form a patch.
+
+    label (m,) view of every triangle, pairs (k, 2) of triangles with a common edge.
+    """
     same = label[pairs[:, 0]] == label[pairs[:, 1]]
     i, j = pairs[same].T
     joined = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(len(label),) * 2)

@@ -82,7 +82,7 @@ class Sight:
         return Hits(found["t_hit"].numpy(), triangle, found["primitive_uvs"].numpy(), self._step)
 
     def quality(self, T_world_cam: Floats, scan: Scan, hits: Hits, normals: Floats32) -> Shown:
-        """The quality of each vertex in the view; normals (n, 3).
+        """The quality of each vertex in the view from T_world_cam (4, 4); normals (n, 3).
 
         A vertex is hidden if it is behind the first surface, or if the measured depth differs: then something moved or
         is not in the model. Near an edge of depth the quality is low.

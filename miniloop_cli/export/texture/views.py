@@ -73,7 +73,10 @@ def samples(mesh: Mesh) -> tuple[Floats32, Floats32]:
 
 
 def quality_at(points: Floats32, normals: Floats32, T_world_cam: Floats, camera: Camera, glimpse: Glimpse) -> Floats32:
-    """(k,) quality of each point in a scan: pixels an area and sharpness; 0 if it is hidden."""
+    """(k,) quality of each point in a scan: pixels an area and sharpness; 0 if it is hidden.
+
+    points (k, 3) m and normals (k, 3) in the world, T_world_cam (4, 4).
+    """
     quality = np.zeros(len(points), np.float32)
     rows, px, z, cosine = looked_at(points, normals, T_world_cam, camera)
     h, w = glimpse.depth_m.shape
@@ -87,7 +90,11 @@ def quality_at(points: Floats32, normals: Floats32, T_world_cam: Floats, camera:
 def looked_at(
     points: Floats32, normals: Floats32, T_world_cam: Floats, camera: Camera
 ) -> tuple[Ints, Floats32, Floats32, Floats32]:
-    """Points in front of a camera, within its image and turned to it: their rows, pixels, depths (m) and cosines."""
+    """Points in front of a camera, within its image and turned to it: their rows, pixels, depths (m) and cosines.
+
+    points (k, 3) m and normals (k, 3) in the world, T_world_cam (4, 4). Of the n points that are: (n,) rows, (n, 2)
+    pixels, (n,) depths along the optical axis, and (n,) cosines between ray and normal.
+    """
     T = se3.inverse(T_world_cam).astype(np.float32)
     x, y, z = T[:3, :3] @ points.T + T[:3, 3:]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -81,7 +81,10 @@ def frame_values(data: ReportData, placed: Placed, evaluation: Evaluation | None
 
 
 def speeds(stamps_s: Floats, positions_m: Floats, piece: Ints) -> Floats:
-    """(n,) metres a second from the frame before to the one after, if both have poses of the same piece."""
+    """(n,) metres a second from the frame before to the one after, if both have poses of the same piece.
+
+    stamps_s (n,), positions_m (n, 3), piece (n,), -1: no pose.
+    """
     speed, own = np.full(len(stamps_s), np.nan), np.flatnonzero(piece >= 0)
     for number in set(piece[own].tolist()):
         rows = own[piece[own] == number]

@@ -31,7 +31,7 @@ TINY = 1e-150
 
 @njit(**OPTIONS)
 def frame_through(first: Floats, second: Floats, frame: Floats) -> bool:
-    """Frame (12,) of the axis through two points (3,): origin in their midpoint, z towards the second.
+    """frame (12,) of the axis through points first (3,), second (3,): origin in their midpoint, z towards the second.
 
     False if the points (nearly) coincide or are not finite. The basis is Duff et al., "Building an orthonormal basis,
     revisited", JCGT 2017: no branch, no square root.
@@ -105,7 +105,7 @@ def joint(H: Floats, G: Floats) -> Motion:
 
 @njit(**OPTIONS)
 def backwards(K: Motion) -> Motion:
-    """K^-1."""
+    """The inverse of the motion K."""
     x, y, z = back_translation(K)
     return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8], -x, -y, -z
 

@@ -14,7 +14,7 @@ EDGES = 5
 
 @njit(**OPTIONS)
 def rotated_matches(start: int, p: Floats, q: Floats, new_p: Floats, new_q: Floats) -> None:
-    """Write the matches p, q (10, 3) in the order and direction of the cycle that starts at scan `start`."""
+    """Write the matches p, q (10, 3) in the order of the cycle that starts at scan `start` to new_p, new_q (10, 3)."""
     for edge in range(EDGES):
         old = (edge + start) % EDGES
         # Matches of a closing edge run from the first scan to the last, against the ring.
