@@ -29,7 +29,19 @@ from miniloop_cli.typing import Bools, Floats, Ints
 
 LOG = logging.getLogger("miniloop")
 ROUNDS, POINT_STEPS, WHOLE_STEPS, TOLERANCE = 8, 6, 3, 1e-6
-REST_M, REST_DEG = 0.0001, 0.004  # a keyframe rests if a round moves it by no more
+
+
+class Goal(NamedTuple):
+    """How far an adjustment goes: a keyframe rests if a round moves it by no more than this; the kernels."""
+
+    distance_m: float
+    angle_deg: float
+    kernels: BundleSettings
+
+
+AT_REST = Goal(0.0001, 0.004, SHARP)
+# Narrow kernels hardly feel a loop that is open by centimetres: its matches are as far off as false ones.
+NEARLY_AT_REST = Goal(0.002, 0.1, BundleSettings())
 
 
 @dataclass(frozen=True)
@@ -111,16 +123,18 @@ def adjusted_until_rest(
     scans: ScanSet,
     settings: Bundle,
     jobs: int,
+    active: Bools,
+    goal: Goal,
 ) -> tuple[Floats, Floats]:
     """Poses (K, 4, 4) and points (tracks, 3) at rest, from nearly correct poses; keyframe `fixed` keeps its pose.
 
-    points: NaN where unknown.
+    points: NaN where unknown. active (K,): the keyframes that are adjusted; the others keep their poses.
     """
-    T, points, fine = T_world_cam, points.copy(), _fine(settings)
-    active, everybody = np.ones(len(T), bool), np.ones(len(T), bool)
+    T, points = T_world_cam, points.copy()
+    everybody = np.ones(len(T), bool)
 
     def adjust(part: Observations, steps: int, held: Bools) -> Floats:
-        kind = replace(fine, relative_tolerance=TOLERANCE, max_iterations=steps, fixed_frame=fixed)
+        kind = replace(_kind(goal, settings), max_iterations=steps, fixed_frame=fixed)
         found = part.adjusted(T, scans, kind, jobs, held, points, terms)
         known = np.flatnonzero(np.isfinite(found.points_world).all(axis=1))
         points[known] = found.points_world[known]
@@ -133,7 +147,7 @@ def adjusted_until_rest(
         T_before, T = T, adjust(part, WHOLE_STEPS, held)
         angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T)
         LOG.debug("%d keyframes adjusted, moved by up to %.3f cm", active.sum(), 100 * distance_m.max())
-        active = (distance_m > REST_M) | (angle_deg > REST_DEG)
+        active = (distance_m > goal.distance_m) | (angle_deg > goal.angle_deg)
         held = ~active
         if not active.any():
             break
@@ -158,10 +172,13 @@ def settled(
     scans: ScanSet,
     settings: Bundle,
     jobs: int,
+    active: Bools | None = None,
+    goal: Goal = AT_REST,
 ) -> Settled:
     """Keyframes `inside` a piece (K,), adjusted until they rest. Edges hold those that few points tie to the others.
 
-    Keyframes that neither ties, and `fixed`, keep their poses. T_world_cam (K, 4, 4): where they start.
+    Keyframes that neither ties, `fixed`, and those that are not `active` (K,), keep their poses; None: all are active.
+    T_world_cam (K, 4, 4): where they start.
     """
     seen = Observations.of(tracks, scans, settings.min_frames)
     seen = seen.subset(inside[seen.frame])
@@ -169,7 +186,9 @@ def settled(
     apart = untied(seen.track, seen.frame, inside, terms)
     seen = seen.subset(~np.isin(seen.frame, apart))
     points = known_points(landmarks(scans.points, T_world_cam, tracks), tracks, scans.first_feature)
-    return Settled(*adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs), seen)
+    active = inside if active is None else active & inside
+    found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, goal)
+    return Settled(*found, seen)
 
 
 def covariance_beside_the_map(
@@ -179,14 +198,15 @@ def covariance_beside_the_map(
 
     Poses T_world_cam (K, 4, 4) and points (p, 3) m in the world. Covariances are of (w, v) in the camera's frame.
     """
-    kind = replace(_fine(settings), covariance=True, max_iterations=0)
+    kind = replace(_kind(AT_REST, settings), covariance=True, max_iterations=0)
     found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
     assert found.covariance is not None
     return six_digits(found.covariance[new])
 
 
-def _fine(settings: Bundle) -> BundleSettings:
-    return replace(SHARP, depth_sigma_factor=settings.depth_sigma_factor, covariance=False)
+def _kind(goal: Goal, settings: Bundle) -> BundleSettings:
+    factor = settings.depth_sigma_factor
+    return replace(goal.kernels, depth_sigma_factor=factor, covariance=False, relative_tolerance=TOLERANCE)
 
 
 def known_points(points: MapPoints, tracks: Tracks, first_feature: Ints) -> Floats:

@@ -11,6 +11,9 @@ import numpy as np
 from miniloop_cli.config import Settings
 from miniloop_cli.geometry import se3
 from miniloop_cli.mapping.adjustment import (
+    AT_REST,
+    NEARLY_AT_REST,
+    Goal,
     Observations,
     Settled,
     added_uncertainty,
@@ -24,6 +27,7 @@ from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, by_size, in_the_first_world
 from miniloop_cli.mapping.retrieval import extended
 from miniloop_cli.mapping.tracks import agreeing, extended_tracks, matched_again, near_pairs, without_keyframes
+from miniloop_cli.refinement.joint import MIN_SHARED
 from miniloop_cli.refinement.tracks import Tracks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.scan_set import ScanSet
@@ -86,20 +90,7 @@ def _extended(
     edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
     edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
 
-    def at_rest(tracks: Tracks) -> Settled:
-        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads)
-
-    T_matched, again, far = T.copy(), new, new
-    while far.any():
-        again = again | far
-        tracks = _tracks(old.landmarks, T, inside, again, scans, settings, run)
-        T = at_rest(tracks).T_world_cam
-        angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_matched) @ T)
-        far = inside & ~again & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))
-        cm, deg = 100 * distance_m[~new].max(), angle_deg[~new].max()
-        LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg; %d are matched again", cm, deg, far.sum())
-    tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
-    T, points, seen = at_rest(tracks)
+    (T, points, seen), tracks = _at_rest(T, old.landmarks, edges, inside, new, fixed, scans, settings, run)
     base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
     own = covariance_beside_the_map(T, points, seen, new, scans, settings.bundle, run.workers.threads)
     covariance[new] = own + added_uncertainty(T[new], covariance[base], T[base])
@@ -128,6 +119,49 @@ def _by_edges(
     seen = Observations.of(tracks, scans, 2)
     seen = seen.subset(inside[seen.frame])
     return adjusted_locally(T, seen, new, scans, settings.bundle, run.workers.threads)[new]
+
+
+def _at_rest(
+    T: Floats,
+    known: MapPoints,
+    edges: EdgeTable,
+    inside: Bools,
+    new: Bools,
+    fixed: int,
+    scans: ScanSet,
+    settings: Settings,
+    run: Run,
+) -> tuple[Settled, Tracks]:
+    """The piece at rest with its `new` keyframes (K,), and its tracks, from poses T (K, 4, 4) nearby.
+
+    As long as matches may change, nearly at rest is enough: first what shares points with the new keyframes, then all.
+    """
+    T_matched, again, far = T, new, new
+    active = None
+
+    def adjusted(active: Bools, goal: Goal) -> Settled:
+        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads, active, goal)
+
+    def moved_far() -> Bools:
+        angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_matched) @ T)
+        far: Bools = inside & ~again & ((distance_m > MOVED_M) | (angle_deg > MOVED_DEG))
+        cm, deg = 100 * distance_m[~new].max(), angle_deg[~new].max()
+        LOG.info("keyframes of the map move by up to %.2f cm and %.2f deg; %d are matched again", cm, deg, far.sum())
+        return far
+
+    while far.any():
+        again = again | far
+        tracks = _tracks(known, T, inside, again, scans, settings, run)
+        if active is None:
+            seen = Observations.of(tracks, scans, settings.bundle.min_frames)
+            active = new | (shared_tracks(seen, new) >= MIN_SHARED)
+        T = adjusted(active, NEARLY_AT_REST).T_world_cam
+        active, far = inside, moved_far()
+        if not far.any():
+            tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+            found = adjusted(inside, AT_REST)
+            T, far = found.T_world_cam, moved_far()
+    return found, tracks
 
 
 def _tracks(

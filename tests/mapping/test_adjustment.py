@@ -8,6 +8,8 @@ from map_scenes import CAMERA, small_map, small_part, some_pose
 from miniloop_cli.config import Bundle
 from miniloop_cli.geometry import se3
 from miniloop_cli.mapping.adjustment import (
+    AT_REST,
+    NEARLY_AT_REST,
     Observations,
     added_uncertainty,
     adjusted_locally,
@@ -81,10 +83,21 @@ def test_only_what_shares_points_moves(rng):
     assert np.abs(found[:2] - off[:2]).max() < 1e-14
     assert np.abs(found - T).max() < 1e-3
     there = known_points(points, tracks, first)
-    together, where = adjusted_until_rest(found, there, seen, [], 0, scans, Bundle(), 1)
+    together, where = adjusted_until_rest(found, there, seen, [], 0, scans, Bundle(), 1, np.ones(7, bool), AT_REST)
     assert np.abs(there - where).max() < 1e-3
     assert np.abs(together[0] - T[0]).max() < 1e-9
     assert np.abs(together - T).max() < 1e-5
+
+
+def test_keyframes_that_are_not_active_keep_their_poses(rng):
+    T, _, scans, _, tracks = seven()
+    off = T.copy()
+    off[[2, 5]] = T[[2, 5]] @ np.array([some_pose(rng, 0.003, 0.003) for _ in range(2)])
+    inside, active = np.ones(7, bool), np.arange(7) >= 4
+    found = settled(off, tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1, active, NEARLY_AT_REST)
+    assert np.abs(found.T_world_cam[~active] - off[~active]).max() < 1e-9
+    error_m = np.linalg.norm(found.T_world_cam[5, :3, 3] - T[5, :3, 3])
+    assert error_m < np.linalg.norm(off[5, :3, 3] - T[5, :3, 3]), "held keyframes pull the active ones"
 
 
 def test_points_are_told_without_keyframes_that_are_matched_again():
