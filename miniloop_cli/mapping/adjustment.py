@@ -31,17 +31,14 @@ LOG = logging.getLogger("miniloop")
 ROUNDS, POINT_STEPS, WHOLE_STEPS, TOLERANCE = 8, 6, 3, 1e-6
 
 
-class Goal(NamedTuple):
-    """How far an adjustment goes: a keyframe rests if a round moves it by no more than this; the kernels."""
+class Rest(NamedTuple):
+    """A keyframe rests if a round of adjustment moves it by no more than this."""
 
     distance_m: float
     angle_deg: float
-    kernels: BundleSettings
 
 
-AT_REST = Goal(0.0001, 0.004, SHARP)
-# Narrow kernels hardly feel a loop that is open by centimetres: its matches are as far off as false ones.
-NEARLY_AT_REST = Goal(0.002, 0.1, BundleSettings())
+AT_REST, NEARLY_AT_REST = Rest(0.0001, 0.004), Rest(0.002, 0.1)
 
 
 @dataclass(frozen=True)
@@ -124,17 +121,17 @@ def adjusted_until_rest(
     settings: Bundle,
     jobs: int,
     active: Bools,
-    goal: Goal,
+    rest: Rest,
 ) -> tuple[Floats, Floats]:
     """Poses (K, 4, 4) and points (tracks, 3) at rest, from nearly correct poses; keyframe `fixed` keeps its pose.
 
     points: NaN where unknown. active (K,): the keyframes that are adjusted; the others keep their poses.
     """
-    T, points = T_world_cam, points.copy()
+    T, points, fine = T_world_cam, points.copy(), _fine(settings)
     everybody = np.ones(len(T), bool)
 
     def adjust(part: Observations, steps: int, held: Bools) -> Floats:
-        kind = replace(_kind(goal, settings), max_iterations=steps, fixed_frame=fixed)
+        kind = replace(fine, max_iterations=steps, fixed_frame=fixed)
         found = part.adjusted(T, scans, kind, jobs, held, points, terms)
         known = np.flatnonzero(np.isfinite(found.points_world).all(axis=1))
         points[known] = found.points_world[known]
@@ -147,7 +144,7 @@ def adjusted_until_rest(
         T_before, T = T, adjust(part, WHOLE_STEPS, held)
         angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T)
         LOG.debug("%d keyframes adjusted, moved by up to %.3f cm", active.sum(), 100 * distance_m.max())
-        active = (distance_m > goal.distance_m) | (angle_deg > goal.angle_deg)
+        active = (distance_m > rest.distance_m) | (angle_deg > rest.angle_deg)
         held = ~active
         if not active.any():
             break
@@ -173,7 +170,7 @@ def settled(
     settings: Bundle,
     jobs: int,
     active: Bools | None = None,
-    goal: Goal = AT_REST,
+    rest: Rest = AT_REST,
 ) -> Settled:
     """Keyframes `inside` a piece (K,), adjusted until they rest. Edges hold those that few points tie to the others.
 
@@ -187,7 +184,7 @@ def settled(
     seen = seen.subset(~np.isin(seen.frame, apart))
     points = known_points(landmarks(scans.points, T_world_cam, tracks), tracks, scans.first_feature)
     active = inside if active is None else active & inside
-    found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, goal)
+    found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, rest)
     return Settled(*found, seen)
 
 
@@ -198,15 +195,15 @@ def covariance_beside_the_map(
 
     Poses T_world_cam (K, 4, 4) and points (p, 3) m in the world. Covariances are of (w, v) in the camera's frame.
     """
-    kind = replace(_kind(AT_REST, settings), covariance=True, max_iterations=0)
+    kind = replace(_fine(settings), covariance=True, max_iterations=0)
     found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
     assert found.covariance is not None
     return six_digits(found.covariance[new])
 
 
-def _kind(goal: Goal, settings: Bundle) -> BundleSettings:
+def _fine(settings: Bundle) -> BundleSettings:
     factor = settings.depth_sigma_factor
-    return replace(goal.kernels, depth_sigma_factor=factor, covariance=False, relative_tolerance=TOLERANCE)
+    return replace(SHARP, depth_sigma_factor=factor, covariance=False, relative_tolerance=TOLERANCE)
 
 
 def known_points(points: MapPoints, tracks: Tracks, first_feature: Ints) -> Floats:

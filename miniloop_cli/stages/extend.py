@@ -13,8 +13,8 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.mapping.adjustment import (
     AT_REST,
     NEARLY_AT_REST,
-    Goal,
     Observations,
+    Rest,
     Settled,
     added_uncertainty,
     adjusted_locally,
@@ -34,13 +34,12 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import Joined, MapPart, MapPoints, SceneMap, recording_of_keyframes
 from miniloop_cli.stages.join import join
 from miniloop_cli.stages.keyframes import common_scans
-from miniloop_cli.stages.placing import MustAdjustAll, placed_in
+from miniloop_cli.stages.placing import MOVED_DEG, MOVED_M, MustAdjustAll, placed_in, require_map_as_it_is
 from miniloop_cli.stages.run import Run
 from miniloop_cli.stages.solve_between import solve_between
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 LOG = logging.getLogger("miniloop")
-MOVED_M, MOVED_DEG = 0.01, 0.5  # matches may change beyond a third of the window of guided matching
 
 
 def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> SceneMap:
@@ -49,7 +48,7 @@ def extend(before: SceneMap, part: MapPart, settings: Settings, run: Run) -> Sce
     If the recording shows one piece of the map, its keyframes and those that share points with them are adjusted while
     the others are fixed; then the piece is adjusted until it rests. Keyframes of the map that this moves by more than
     MOVED_M or MOVED_DEG are matched again. All keyframes are adjusted again as by `join` if the recording joins pieces,
-    moves the map far or shows most of the piece, or if the piece was never adjusted as a whole.
+    bends the map or shows most of the piece, or if the piece was never adjusted as a whole.
     """
     parts = (*before.parts, part)
     retrieval = extended(before.joined.retrieval, part.features, part.feature_type)
@@ -85,7 +84,9 @@ def _extended(
         )
     T[new] = placed.T_new
     inside = np.append(old.piece, placed.piece)[of_part] == placed.piece
-    T[new] = _by_edges(T, old.landmarks, part.edges, placed.edges, inside, new, scans, settings, run)
+    T_by_edges = _by_edges(T, old.landmarks, part.edges, placed.edges, inside, new, scans, settings, run)
+    require_map_as_it_is(part.name, T[~new], T_by_edges[~new])
+    T[new] = T_by_edges[new]
     fixed = most_certain(covariance, inside & ~new)
     edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
     edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
@@ -112,13 +113,16 @@ def _by_edges(
     settings: Settings,
     run: Run,
 ) -> Floats:
-    """(k, 4, 4) poses of the `new` keyframes (K,) by the matches of their edges: their `own`, and `between` the map."""
+    """(K, 4, 4) poses by the matches of edges: the `own` ones of the recording, and those `between` it and the map.
+
+    The `new` keyframes (K,) and those that share points with them move.
+    """
     first = int(np.argmax(new))
     edges = EdgeTable.concatenated([replace(own, i=own.i + first, j=own.j + first), between])
     tracks = extended_tracks(known, scans.first_feature, edges.pairs, _inliers(edges))
     seen = Observations.of(tracks, scans, 2)
     seen = seen.subset(inside[seen.frame])
-    return adjusted_locally(T, seen, new, scans, settings.bundle, run.workers.threads)[new]
+    return adjusted_locally(T, seen, new, scans, settings.bundle, run.workers.threads)
 
 
 def _at_rest(
@@ -139,8 +143,8 @@ def _at_rest(
     T_matched, again, far = T, new, new
     active = None
 
-    def adjusted(active: Bools, goal: Goal) -> Settled:
-        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads, active, goal)
+    def adjusted(active: Bools, rest: Rest) -> Settled:
+        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads, active, rest)
 
     def moved_far() -> Bools:
         angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_matched) @ T)
@@ -158,7 +162,6 @@ def _at_rest(
         T = adjusted(active, NEARLY_AT_REST).T_world_cam
         active, far = inside, moved_far()
         if not far.any():
-            tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
             found = adjusted(inside, AT_REST)
             T, far = found.T_world_cam, moved_far()
     return found, tracks
@@ -167,12 +170,17 @@ def _at_rest(
 def _tracks(
     known: MapPoints, T: Floats, inside: Bools, again: Bools, scans: ScanSet, settings: Settings, run: Run
 ) -> Tracks:
-    """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,)."""
+    """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,).
+
+    Some matches near the predicted positions are false. A few per cent of them bend a large map by centimetres, so
+    those that contradict the points at the poses T (K, 4, 4) are left out.
+    """
     near = near_pairs(T, np.flatnonzero(inside), scans, settings.bundle)
     near = [pair for pair in near if again[pair[0]] or again[pair[1]]]
     matches = matched_again(T, near, scans, settings.bundle, run.workers)
     rest = without_keyframes(known, again, scans.first_feature)
-    return extended_tracks(rest, scans.first_feature, np.array(near, np.int64).reshape(-1, 2), matches)
+    tracks = extended_tracks(rest, scans.first_feature, np.array(near, np.int64).reshape(-1, 2), matches)
+    return agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
 
 
 def _inliers(edges: EdgeTable) -> list[Ints]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,6 +21,8 @@ from miniloop_cli.stages.run import Run
 from miniloop_cli.typing import Floats, Ints, Pair
 from miniloop_cli.verification.consensus import average_verified
 
+LOG = logging.getLogger("miniloop")
+MOVED_M, MOVED_DEG = 0.01, 0.5  # matches may change beyond a third of the window of guided matching
 MOST_TOUCHED = 0.5  # share of a piece that the new recording shows; beyond, adjusting all costs no more
 
 
@@ -97,3 +100,17 @@ def placed_in(
     T = whole_recordings(T_own, Poses(T, poses.component), np.flatnonzero(is_new), of_part[chosen])
     added = replace(added, i=chosen[added.i], j=chosen[added.j])
     return Placed(T[is_new], piece, near[old_piece[near] == piece], added.subset(old_piece[added.i] == piece))
+
+
+def require_map_as_it_is(name: str, T_before: Floats, T_after: Floats) -> None:
+    """Raises MustAdjustAll if half of the keyframes of the map that moved, from (k, 4, 4) to (k, 4, 4), moved far.
+
+    That happens when recording `name` closes a loop: the map bends, and its matches must be judged at other poses.
+    """
+    angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T_after)
+    moved = (angle_deg > 0) | (distance_m > 0)
+    if moved.any():
+        deg, cm = np.median(angle_deg[moved]), 100 * np.median(distance_m[moved])
+        LOG.debug("%d keyframes of the map that share points move by %.2f cm and %.2f deg", moved.sum(), cm, deg)
+        if deg > MOVED_DEG or cm > 100 * MOVED_M:
+            raise MustAdjustAll(f"{name} moves what it shows of it by {cm:.1f} cm and {deg:.1f} deg (median)")

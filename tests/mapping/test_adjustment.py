@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from map_scenes import CAMERA, small_map, small_part, some_pose
 
 from miniloop_cli.config import Bundle
@@ -24,6 +25,7 @@ from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import scan_points
 from miniloop_cli.stages.keyframes import common_scans
+from miniloop_cli.stages.placing import MustAdjustAll, require_map_as_it_is
 
 SAME = np.repeat(np.arange(120)[:, None], 2, axis=1)  # every keyframe of a small part sees the same points, in order
 
@@ -98,6 +100,17 @@ def test_keyframes_that_are_not_active_keep_their_poses(rng):
     assert np.abs(found.T_world_cam[~active] - off[~active]).max() < 1e-9
     error_m = np.linalg.norm(found.T_world_cam[5, :3, 3] - T[5, :3, 3])
     assert error_m < np.linalg.norm(off[5, :3, 3] - T[5, :3, 3]), "held keyframes pull the active ones"
+
+
+def test_a_recording_that_bends_the_map_makes_all_adjusted():
+    T = np.tile(np.eye(4), (5, 1, 1))
+    moved = T.copy()
+    moved[:3, 0, 3] = [0.02, 0.004, 0.004]
+    require_map_as_it_is("kitchen", T, T)
+    require_map_as_it_is("kitchen", T, moved)  # one weakly tied keyframe is no bend
+    moved[1, 0, 3] = 0.03
+    with pytest.raises(MustAdjustAll, match=r"kitchen moves what it shows of it by 2\.0 cm"):
+        require_map_as_it_is("kitchen", T, moved)
 
 
 def test_points_are_told_without_keyframes_that_are_matched_again():
