@@ -17,6 +17,7 @@ from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench import Row
 from miniloop_cli.geometry.procrustes import align_rotations
 from miniloop_cli.geometry.se3 import rotation_angle_deg
+from miniloop_cli.runtime.blocks import Blocks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
@@ -38,18 +39,26 @@ def averaging_rows(
 ) -> list[Row]:
     """Rows of every combination of kind, share of outliers and number of scans; without `edges` 5 a scan.
 
-    `workers` say whether progress is shown: everything is measured in this thread.
+    Graphs are measured one after the other; the threads of `workers` share the loops of each.
     """
     _warm_up()
     rows = []
     for each, share, count in track(list(product(kind, outliers, scans)), "View graphs", quiet=workers.quiet):
         many = edges or min(5 * count, count * (count - 1) // 2)
-        rows += graph_rows(each, count, many, share, noise_deg, noise_m, peers, seed)
+        rows += graph_rows(each, count, many, share, noise_deg, noise_m, peers, seed, workers.threads)
     return rows
 
 
 def graph_rows(
-    kind: str, scans: int, edges: int, outliers: float, noise_deg: float, noise_m: float, peers: bool, seed: int
+    kind: str,
+    scans: int,
+    edges: int,
+    outliers: float,
+    noise_deg: float,
+    noise_m: float,
+    peers: bool,
+    seed: int,
+    jobs: int = 1,
 ) -> list[Row]:
     """One row for miniloop on a view graph, and with `peers` one for each peer installed.
 
@@ -59,9 +68,9 @@ def graph_rows(
     """
     graph = view_graph(kind, scans, edges, outliers, noise_deg, noise_m, np.random.default_rng(seed))
     head: Row = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
-    head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed}
+    head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed, "jobs": jobs}
     head |= {"load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None}
-    rows = [head | {"method": "miniloop"} | measure_miniloop(graph)]
+    rows = [head | {"method": "miniloop"} | measure_miniloop(graph, jobs)]
     if peers:
         from benchmarks.experiments.peers.averaging import installed
 
@@ -69,13 +78,15 @@ def graph_rows(
     return rows
 
 
-def measure_miniloop(graph: ViewGraph) -> Row:
+def measure_miniloop(graph: ViewGraph, jobs: int = 1) -> Row:
     """Both averagings; translations take edges by how well their rotations agree, as the pipeline does."""
     start, before = time.perf_counter(), time.process_time()
-    rotations = average_rotations(len(graph.T_world_cam), graph.pairs, graph.T_j_i[:, :3, :3])
-    middle = time.perf_counter()
-    weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
-    translations = average_translations(rotations.R_world_cam, graph.pairs, graph.T_j_i[:, :3, 3], weights)
+    R_j_i, t_j_i = graph.T_j_i[:, :3, :3], graph.T_j_i[:, :3, 3]
+    with Blocks(jobs) as blocks:
+        rotations = average_rotations(len(graph.T_world_cam), graph.pairs, R_j_i, blocks=blocks)
+        middle = time.perf_counter()
+        weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
+        translations = average_translations(rotations.R_world_cam, graph.pairs, t_j_i, weights, blocks=blocks)
     end, cpu_s = time.perf_counter(), time.process_time() - before
     row: Row = {
         "seconds": end - start,
