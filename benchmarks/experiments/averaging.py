@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.experiments.certificates import NOT_PROVEN, certificate_row
 from benchmarks.experiments.view_graphs import ViewGraph, view_graph
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench import Row
 from miniloop_cli.geometry.procrustes import align_rotations
-from miniloop_cli.geometry.se3 import rotation_angle_deg
+from miniloop_cli.geometry.se3 import pose, rotation_angle_deg
 from miniloop_cli.runtime.blocks import Blocks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.runtime.progress import track
@@ -33,6 +34,7 @@ def averaging_rows(
     kind: Sequence[str],
     noise_deg: float,
     noise_m: float,
+    certificate: bool,
     peers: bool,
     seed: int,
     workers: Workers,
@@ -45,7 +47,7 @@ def averaging_rows(
     rows = []
     for each, share, count in track(list(product(kind, outliers, scans)), "View graphs", quiet=workers.quiet):
         many = edges or min(5 * count, count * (count - 1) // 2)
-        rows += graph_rows(each, count, many, share, noise_deg, noise_m, peers, seed, workers.threads)
+        rows += graph_rows(each, count, many, share, noise_deg, noise_m, certificate, peers, seed, workers.threads)
     return rows
 
 
@@ -56,6 +58,7 @@ def graph_rows(
     outliers: float,
     noise_deg: float,
     noise_m: float,
+    certificate: bool,
     peers: bool,
     seed: int,
     jobs: int = 1,
@@ -70,16 +73,24 @@ def graph_rows(
     head: Row = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
     head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed, "jobs": jobs}
     head |= {"load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None}
-    rows = [head | {"method": "miniloop"} | measure_miniloop(graph, jobs)]
+    mine, T_world_cam = measure_miniloop(graph, jobs)
+    proof = certificate_row(graph, T_world_cam, noise_deg, noise_m) if certificate else NOT_PROVEN
+    rows = [head | {"method": "miniloop"} | mine | proof]
     if peers:
         from benchmarks.experiments.peers.averaging import installed
 
-        rows += [head | {"method": name} | measure_peer(graph, solve) for name, solve in installed(scans).items()]
+        rows += [
+            head | {"method": name} | measure_peer(graph, solve) | NOT_PROVEN
+            for name, solve in installed(scans).items()
+        ]
     return rows
 
 
-def measure_miniloop(graph: ViewGraph, jobs: int = 1) -> Row:
-    """Both averagings; translations take edges by how well their rotations agree, as the pipeline does."""
+def measure_miniloop(graph: ViewGraph, jobs: int = 1) -> tuple[Row, Floats]:
+    """Both averagings, and the poses (n, 4, 4).
+
+    Translations take edges by how well their rotations agree, as the pipeline does.
+    """
     start, before = time.perf_counter(), time.process_time()
     R_j_i, t_j_i = graph.T_j_i[:, :3, :3], graph.T_j_i[:, :3, 3]
     with Blocks(jobs) as blocks:
@@ -96,7 +107,8 @@ def measure_miniloop(graph: ViewGraph, jobs: int = 1) -> Row:
     }
     row |= errors(graph, rotations.R_world_cam, translations.t_world_cam)
     row |= {"peak_mb": _peak_mb(), "converged": rotations.converged and translations.converged}
-    return row | {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
+    row |= {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
+    return row, pose(rotations.R_world_cam, translations.t_world_cam)
 
 
 def measure_peer(graph: ViewGraph, solve: Callable[[ViewGraph], tuple[Floats, float]]) -> Row:
