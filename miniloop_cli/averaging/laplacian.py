@@ -21,7 +21,7 @@ DENSE_SCANS = 128
 
 CG_STEPS = 300
 
-INEXACT = 0.1
+INEXACT = 0.03
 """Tolerance of `solve` for one of several reweighted steps: the next one mends what is left."""
 
 STALE_STEPS = 20
