@@ -155,10 +155,12 @@ def run(sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], with
 
 
 @benchmarks.command(context_settings=CONTEXT, short_help="Measured rows into results.json.")
-@click.argument("name", type=click.Choice(["averaging", "growth", "whole"]))
+@click.argument("name", type=click.Choice(["averaging", "certificate-large", "growth", "whole"]))
 @click.argument("rows", type=FILE)
 def record(name: str, rows: Path) -> None:
-    """Put the table of `averaging`, `growth` or `whole` into results.json; ROWS is what the command wrote with --json.
+    """Put a measured table into results.json; ROWS is what the command of that name wrote with --json.
+
+    `certificate-large`: what `averaging --certificate` wrote.
 
     \b
     Example:   python -m benchmarks record whole whole.json

@@ -54,6 +54,8 @@ AVERAGING = Benchmark(
         trans_err_median="median m",
         peak_mb="peak MB",
         converged="converged",
+        proof_cpu_seconds="proof CPU s",
+        certified="certified",
     ),
     options=(
         several("--scans", click.IntRange(min=2), (100, 1000, 10_000), "Scans of a graph."),
@@ -62,9 +64,9 @@ AVERAGING = Benchmark(
         several("--kind", click.Choice(["video", "expander"]), ("video",), "How scans are connected."),
         click.option("--noise-deg", type=SIGMA, default=0.5, show_default=True, help="Along each axis."),
         click.option("--noise-m", type=SIGMA, default=0.01, show_default=True, help="Along each axis."),
+        click.option("--certificate", is_flag=True, help="Also prove the optimum of the true edges."),
         click.option("--peers", is_flag=True, help="Also pycolmap and, up to 1000 scans, gtsam, where installed."),
     ),
-    parallel=False,
 )
 
 CALIBRATION = Benchmark(

@@ -113,14 +113,14 @@ def _register(
     with watch.stage("averaging"):
         looks = settings.averaging.min_photo_consistency > 0
         photometric = photometric_check(scans, estimation.ransac, estimation.verification.chi2, run) if looks else None
-        poses, edges = average(edges, scans, settings.averaging, photometric)
+        poses, edges = average(edges, scans, settings.averaging, photometric, run)
         if estimation.verification.guided_matching and len(poses.registered) > 1:
             min_matches = settings.matching.min_matches
             more = guided_matching(poses, edges, scans, estimation, settings.bundle, min_matches, run)
             if more is not edges:
-                poses, edges = average(more, scans, settings.averaging, photometric)
+                poses, edges = average(more, scans, settings.averaging, photometric, run)
         if tracked and (more := with_followed(edges, tracked)) is not edges:
-            poses, edges = average(more, scans, settings.averaging, photometric)
+            poses, edges = average(more, scans, settings.averaging, photometric, run)
         poses, certificate = prove_optimum(poses, edges, settings.averaging)
     between = Between.of(tracked, whole, vertical, of_whole.accelerometer) if tracked else None
     found = partial(_registration, scans, edges, settings, seed, watch, notes, whole, tracked, vertical is not None)

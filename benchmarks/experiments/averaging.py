@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.experiments.certificates import NOT_PROVEN, certificate_row
 from benchmarks.experiments.view_graphs import ViewGraph, view_graph
 from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.bench import Row
 from miniloop_cli.geometry.procrustes import align_rotations
-from miniloop_cli.geometry.se3 import rotation_angle_deg
+from miniloop_cli.geometry.se3 import pose, rotation_angle_deg
+from miniloop_cli.runtime.blocks import Blocks
 from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.runtime.progress import track
 from miniloop_cli.typing import Floats
@@ -32,24 +34,34 @@ def averaging_rows(
     kind: Sequence[str],
     noise_deg: float,
     noise_m: float,
+    certificate: bool,
     peers: bool,
     seed: int,
     workers: Workers,
 ) -> list[Row]:
     """Rows of every combination of kind, share of outliers and number of scans; without `edges` 5 a scan.
 
-    `workers` say whether progress is shown: everything is measured in this thread.
+    Graphs are measured one after the other; the threads of `workers` share the loops of each.
     """
     _warm_up()
     rows = []
     for each, share, count in track(list(product(kind, outliers, scans)), "View graphs", quiet=workers.quiet):
         many = edges or min(5 * count, count * (count - 1) // 2)
-        rows += graph_rows(each, count, many, share, noise_deg, noise_m, peers, seed)
+        rows += graph_rows(each, count, many, share, noise_deg, noise_m, certificate, peers, seed, workers.threads)
     return rows
 
 
 def graph_rows(
-    kind: str, scans: int, edges: int, outliers: float, noise_deg: float, noise_m: float, peers: bool, seed: int
+    kind: str,
+    scans: int,
+    edges: int,
+    outliers: float,
+    noise_deg: float,
+    noise_m: float,
+    certificate: bool,
+    peers: bool,
+    seed: int,
+    jobs: int = 1,
 ) -> list[Row]:
     """One row for miniloop on a view graph, and with `peers` one for each peer installed.
 
@@ -59,23 +71,33 @@ def graph_rows(
     """
     graph = view_graph(kind, scans, edges, outliers, noise_deg, noise_m, np.random.default_rng(seed))
     head: Row = {"kind": kind, "scans": scans, "edges": edges, "outliers": outliers}
-    head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed}
+    head |= {"noise_deg": noise_deg, "noise_m": noise_m, "seed": seed, "jobs": jobs}
     head |= {"load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None}
-    rows = [head | {"method": "miniloop"} | measure_miniloop(graph)]
+    mine, T_world_cam = measure_miniloop(graph, jobs)
+    proof = certificate_row(graph, T_world_cam, noise_deg, noise_m) if certificate else NOT_PROVEN
+    rows = [head | {"method": "miniloop"} | mine | proof]
     if peers:
         from benchmarks.experiments.peers.averaging import installed
 
-        rows += [head | {"method": name} | measure_peer(graph, solve) for name, solve in installed(scans).items()]
+        rows += [
+            head | {"method": name} | measure_peer(graph, solve) | NOT_PROVEN
+            for name, solve in installed(scans).items()
+        ]
     return rows
 
 
-def measure_miniloop(graph: ViewGraph) -> Row:
-    """Both averagings; translations take edges by how well their rotations agree, as the pipeline does."""
+def measure_miniloop(graph: ViewGraph, jobs: int = 1) -> tuple[Row, Floats]:
+    """Both averagings, and the poses (n, 4, 4).
+
+    Translations take edges by how well their rotations agree, as the pipeline does.
+    """
     start, before = time.perf_counter(), time.process_time()
-    rotations = average_rotations(len(graph.T_world_cam), graph.pairs, graph.T_j_i[:, :3, :3])
-    middle = time.perf_counter()
-    weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
-    translations = average_translations(rotations.R_world_cam, graph.pairs, graph.T_j_i[:, :3, 3], weights)
+    R_j_i, t_j_i = graph.T_j_i[:, :3, :3], graph.T_j_i[:, :3, 3]
+    with Blocks(jobs) as blocks:
+        rotations = average_rotations(len(graph.T_world_cam), graph.pairs, R_j_i, blocks=blocks)
+        middle = time.perf_counter()
+        weights = 1 / (1 + (rotations.residual_deg / 3) ** 2) ** 2
+        translations = average_translations(rotations.R_world_cam, graph.pairs, t_j_i, weights, blocks=blocks)
     end, cpu_s = time.perf_counter(), time.process_time() - before
     row: Row = {
         "seconds": end - start,
@@ -85,7 +107,8 @@ def measure_miniloop(graph: ViewGraph) -> Row:
     }
     row |= errors(graph, rotations.R_world_cam, translations.t_world_cam)
     row |= {"peak_mb": _peak_mb(), "converged": rotations.converged and translations.converged}
-    return row | {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
+    row |= {"rotation_iterations": rotations.iterations, "translation_iterations": translations.iterations}
+    return row, pose(rotations.R_world_cam, translations.t_world_cam)
 
 
 def measure_peer(graph: ViewGraph, solve: Callable[[ViewGraph], tuple[Floats, float]]) -> Row:

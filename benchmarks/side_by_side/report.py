@@ -28,6 +28,7 @@ METHODS = {
     "pycolmap": "pycolmap SfM, colour only, true scale given",
 }
 TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
+    "certificate-large": ("certificate-large.video", "The certificate of larger graphs", sections.certificates),
     "averaging": ("averaging.scale", "Averaging of ever larger view graphs", sections.averaging_scale),
     "whole": ("whole.recordings", "Whole recordings", sections.whole_recordings),
     "growth": ("growth.rooms", "Walks through many rooms", sections.growth),
@@ -100,10 +101,18 @@ def record_rows(name: str, rows: Sequence[Json]) -> None:
     """Put the table of NAME, a key of TABLES, into results.json, and bring the pages up to date."""
     key, what, make = TABLES[name]
     figures = load()
-    note_run(figures, name, f"python -m benchmarks {name}", _busy([row["load"] for row in rows if row.get("load")]))
+    note_run(figures, name, _command(name, rows), _busy([row["load"] for row in rows if row.get("load")]))
     put_table(figures, key, what, make(rows))
     save(figures)
     update(figures, check=False)
+
+
+def _command(name: str, rows: Sequence[Json]) -> str:
+    """The command that measures rows such as these."""
+    if name not in ("averaging", "certificate-large"):
+        return f"python -m benchmarks {name}"
+    scans = " ".join(f"--scans {count}" for count in dict.fromkeys(row["scans"] for row in rows))
+    return f"python -m benchmarks averaging {scans}" + (" --certificate" if name == "certificate-large" else "")
 
 
 def note_run(figures: Figures, name: str, command: str, note: str = "") -> None:

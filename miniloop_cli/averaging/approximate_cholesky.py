@@ -161,14 +161,12 @@ def eliminate(count: int, pairs: Ints, weights: Floats, uniform: Floats) -> Fact
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def apply(order: Scans32, start: Ints, row: Scans32, value: Singles, D: Singles, r: Floats, z: Singles) -> None:
-    """z = inverse of L D L' times r, both (n, 3), up to a constant; z in single precision.
+def apply(order: Scans32, start: Ints, row: Scans32, value: Singles, D: Singles, z: Singles) -> None:
+    """z <- inverse of L D L' times z (n, 3) in place, up to a constant; z in single precision.
 
     The factor: scans in `order` (n,); columns of L from `start` (n + 1,) on, with `row` and `value` (entries,); D (n,).
     """
     n = len(order)
-    for v in range(n):
-        z[v, 0], z[v, 1], z[v, 2] = r[v, 0], r[v, 1], r[v, 2]
     for c in range(n):
         v = order[c]
         z0, z1, z2 = z[v, 0], z[v, 1], z[v, 2]

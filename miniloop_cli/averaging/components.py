@@ -8,23 +8,25 @@ from miniloop_cli.averaging.rotations import average_rotations
 from miniloop_cli.averaging.translations import average_translations
 from miniloop_cli.config import Averaging
 from miniloop_cli.geometry import se3
+from miniloop_cli.runtime.blocks import Blocks
 from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Floats, Ints
 
 
-def average_components(edges: EdgeTable, count: int, settings: Averaging) -> Poses:
-    """Poses of the `count` scans, component by component, from accepted edges."""
+def average_components(edges: EdgeTable, count: int, settings: Averaging, jobs: int = 1) -> Poses:
+    """Poses of the `count` scans, component by component, from accepted edges; the same bytes for any `jobs`."""
     T, label = np.tile(np.eye(4), (count, 1, 1)), components(count, edges.pairs)
     component = np.where(np.bincount(label)[label] > 1, label, -1)  # single scans come last
-    for number in range(component.max(initial=-1) + 1):
-        scans = np.flatnonzero(component == number)
-        T[scans] = _average_component(edges.subset(component[edges.i] == number), scans, settings)
+    with Blocks(jobs) as blocks:
+        for number in range(component.max(initial=-1) + 1):
+            scans = np.flatnonzero(component == number)
+            T[scans] = _average_component(edges.subset(component[edges.i] == number), scans, settings, blocks)
     return Poses(T, component)
 
 
-def _average_component(edges: EdgeTable, scans: Ints, settings: Averaging) -> Floats:
+def _average_component(edges: EdgeTable, scans: Ints, settings: Averaging, blocks: Blocks) -> Floats:
     pairs = np.searchsorted(scans, edges.pairs)
     inliers = edges.inlier_count.astype(float)
     robust = settings.rotations == "robust"
@@ -35,11 +37,18 @@ def _average_component(edges: EdgeTable, scans: Ints, settings: Averaging) -> Fl
         inliers if robust else None,
         start="votes" if robust else "tree",
         scale_deg=settings.rotation_scale_deg,
+        blocks=blocks,
     ).R_world_cam
     t_j_i, weights = _translations_given_rotations(edges, R, pairs)
     robust = settings.translations == "robust"
     t = average_translations(
-        R, pairs, t_j_i, weights if robust else inliers, robust=robust, scale_m=settings.translation_scale_m
+        R,
+        pairs,
+        t_j_i,
+        weights if robust else inliers,
+        robust=robust,
+        scale_m=settings.translation_scale_m,
+        blocks=blocks,
     ).t_world_cam
     return se3.pose(R, t)
 

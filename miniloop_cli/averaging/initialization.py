@@ -6,6 +6,7 @@ import numpy as np
 
 from miniloop_cli.averaging import voting
 from miniloop_cli.geometry.quaternion_kernels import chain
+from miniloop_cli.runtime.blocks import ONE_THREAD, Blocks
 from miniloop_cli.scene.view_graph import adjacency
 from miniloop_cli.typing import Floats, Ints
 
@@ -20,17 +21,26 @@ def trust(weights: Floats) -> Floats:
     return np.clip(np.sqrt(weights / np.median(weights)), 0.5, 1.5)
 
 
-def voted_start(count: int, pairs: Ints, T_j_i: Floats, votes: Floats, near: tuple[float, float]) -> Floats:
+def voted_start(
+    count: int,
+    pairs: Ints,
+    T_j_i: Floats,
+    votes: Floats,
+    near: tuple[float, float],
+    blocks: Blocks = ONE_THREAD,
+) -> Floats:
     """Poses (n, 7) that most edges of every scan agree with; hierarchical. Poses and `near` as in voting.py.
 
     Clusters grow from scan to scan while the votes are sure. Then the clusters are the scans of a smaller graph, in
     which all edges between two clusters vote together, and so on. If no votes are sure (random graphs have no short
     loops), scans are placed by the available edges, and votes among all placed scans then correct wrong ones.
-    pairs (m, 2), T_j_i (m, 7), `votes` (m,) of the edges, about 1 for an ordinary one; the graph is connected.
+    pairs (m, 2), T_j_i (m, 7), `votes` (m,) of the edges, about 1 for an ordinary one; the graph is connected. The
+    threads of `blocks` share the checks of loops.
     """
     rows = adjacency(count, pairs)
     i, j = pairs.T
-    checked = voting.loop_votes(pairs, T_j_i, votes, *rows, near)
+    checked = np.empty(len(pairs))
+    blocks.map(voting.loop_votes, len(pairs), pairs, T_j_i, votes, *rows, near, checked)
     voters = max(48, 2**20 // max(len(pairs), 1))
     seeds = np.argsort(-(np.bincount(i, checked, count) + np.bincount(j, checked, count)), kind="stable")
     T, cluster, order = voting.grow(pairs, T_j_i, checked, *rows, seeds, near, CONFIRMED, voters)
@@ -40,7 +50,7 @@ def voted_start(count: int, pairs: Ints, T_j_i: Floats, votes: Floats, near: tup
     elif clusters > 1:
         across = cluster[i] != cluster[j]
         T_between = voting.between(T, pairs[across], T_j_i[across])
-        T_cluster = voted_start(clusters, cluster[pairs[across]], T_between, votes[across], near)
+        T_cluster = voted_start(clusters, cluster[pairs[across]], T_between, votes[across], near, blocks)
         voting.move(T, cluster, T_cluster)
     for _ in range(SWEEPS):
         if voting.vote_again(T, pairs, T_j_i, votes, *rows, order, near, voters) <= count // 1000:

@@ -38,8 +38,8 @@ def prove_optimum(poses: Poses, edges: EdgeTable, settings: Averaging) -> tuple[
         work = factor_work(len(scans), pairs, MOST_WORK)
         if work > MOST_WORK:
             problem = (
-                f"{len(scans)} scans and {len(pairs)} edges hang together too closely to prove it: the proof takes "
-                f"{work / MOST_WORK:.2g} times the work that it may take"
+                f"the graph of {len(scans)} scans and {len(pairs)} edges is too densely connected for the proof, which "
+                f"takes {work / MOST_WORK:.2g} times the work that it may take"
             )
             return poses, Certificate(False, float("nan"), poses, problem=problem)
         graph = _Component(pairs, edges.T_j_i[inside], edges.information[inside], settings)

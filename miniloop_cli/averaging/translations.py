@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from miniloop_cli.averaging.initialization import trust, voted_start
-from miniloop_cli.averaging.laplacian import Differences, spread
+from miniloop_cli.averaging.laplacian import Differences, spread, squared
+from miniloop_cli.runtime.blocks import ONE_THREAD, Blocks
 from miniloop_cli.scene.view_graph import GraphError, checked_pairs, checked_weights, require_connected
-from miniloop_cli.typing import Floats
+from miniloop_cli.typing import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ def average_translations(
     robust: bool = True,
     reweights: int = 8,
     scale_m: float = 0.03,
+    blocks: Blocks = ONE_THREAD,
 ) -> TranslationAverage:
     """Translations t_world_cam that agree with t_j_i = R_j' (t_i - t_j), R_i = R_world_cam[i].
 
@@ -44,6 +46,7 @@ def average_translations(
     `robust=False`: one least squares (the paper: with R_j' times the mean of R_j q - R_i p over an edge's matches p, q
     as t_j_i and their number as weight, it satisfies the 3D correspondences best). Otherwise a start by votes, then up
     to `reweights` least squares with Cauchy's weights 1 / (1 + (residual / scale_m)^2).
+    `blocks`: threads that share the loops over edges and scans; the result has the same bytes for any number.
 
     Raises GraphError for impossible edges, and if those of positive weight do not connect all scans.
     """
@@ -63,18 +66,32 @@ def average_translations(
     d_all = np.einsum("eab,eb->ea", R_world_cam[pairs[:, 1]], t_j_i)
     d = d_all[used]
 
-    system = Differences(count, edges)
+    system = Differences(count, edges, blocks)
     step, iterations = 0.0, 1
     if robust and count > 1:
         T_j_i = np.hstack([np.eye(1, 4).repeat(len(edges), axis=0), d])
-        t = voted_start(count, edges, T_j_i, trust(w), (0.0, (2 * scale_m) ** 2))[:, 4:]
+        t = voted_start(count, edges, T_j_i, trust(w), (0.0, (2 * scale_m) ** 2), blocks)[:, 4:]
+        r, reweighted = np.empty((len(edges), 3)), np.empty(len(edges))
+
+        def reweight(low: int, high: int) -> None:
+            r[low:high] = _residuals(t, edges[low:high], d[low:high])
+            reweighted[low:high] = w[low:high] / (1 + squared(r[low:high]) / scale_m**2)
+
         step, iterations = np.inf, 0
         while iterations < reweights and step >= 1e-3 * scale_m:
-            r = d - (t[edges[:, 0]] - t[edges[:, 1]])
-            x = system.solve(w / (1 + (r * r).sum(1) / scale_m**2), r, tolerance=1e-3)
+            blocks.map(reweight, len(edges))
+            x = system.solve(reweighted, r, tolerance=1e-3)
             t, step, iterations = t + x, spread(x), iterations + 1
         t = t - t[:1]
     else:
         t = system.solve(w, d)
-    residual_m = np.linalg.norm(d_all - (t[pairs[:, 0]] - t[pairs[:, 1]]), axis=1)
+
+    def distances_m(low: int, high: int) -> Floats:
+        return np.sqrt(squared(_residuals(t, pairs[low:high], d_all[low:high])))
+
+    residual_m = np.concatenate([np.empty(0), *blocks.map(distances_m, len(pairs))])
     return TranslationAverage(t, residual_m, step < 0.03 * scale_m, iterations)
+
+
+def _residuals(t: Floats, pairs: Ints, d: Floats) -> Floats:
+    return d - (t[pairs[:, 0]] - t[pairs[:, 1]])

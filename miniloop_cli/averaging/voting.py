@@ -151,15 +151,23 @@ def grow(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def loop_votes(
-    pairs: Ints, T_j_i: Floats, trust: Floats, start: Ints, neighbour: Ints, edge: Ints, near: Near
-) -> Floats:
-    """Trust (m,) of every edge, times a factor from its closed and open triangles.
+    low: int,
+    high: int,
+    pairs: Ints,
+    T_j_i: Floats,
+    trust: Floats,
+    start: Ints,
+    neighbour: Ints,
+    edge: Ints,
+    near: Near,
+    out: Floats,
+) -> None:
+    """out (m,) of the edges low..high: their trust, times a factor from closed and open triangles.
 
     The factor is 1/2 without triangles. It approaches 1 with each closed triangle, and slowly 0 with open ones, as
     another of their edges may be the false one.
     """
-    out = np.empty(len(pairs))
-    for e in range(len(pairs)):
+    for e in range(low, high):
         i, j = pairs[e, 0], pairs[e, 1]
         a, b = start[i], start[j]
         closed = asked = 0
@@ -175,7 +183,6 @@ def loop_votes(
                 a += 1
                 b += 1
         out[e] = trust[e] * (closed + 0.5) / (closed + 1 + 0.1 * (asked - closed))
-    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

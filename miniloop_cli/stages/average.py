@@ -28,7 +28,7 @@ def photometric_check(scans: ScanSet, ransac: Ransac, chi2: float, run: Run) -> 
 
 
 def average(
-    edges: EdgeTable, scans: ScanSet, settings: Averaging, photometric: PhotometricCheck | None
+    edges: EdgeTable, scans: ScanSet, settings: Averaging, photometric: PhotometricCheck | None, run: Run
 ) -> tuple[Poses, EdgeTable]:
     """Poses of all scans, and the judged edges; `photometric`: None if views are not to be compared."""
-    return average_verified(edges, len(scans), settings, photometric)
+    return average_verified(edges, len(scans), settings, photometric, run.workers.threads)

@@ -45,7 +45,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
     edges = as_one_table([len(part) for part in parts], [part.edges for part in parts], solved)
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(scans, settings.ransac, settings.verification.chi2, run) if looks else None
-    poses, edges = average_verified(edges, len(scans), settings.averaging, photometric)
+    poses, edges = average_verified(edges, len(scans), settings.averaging, photometric, run.workers.threads)
     poses, _ = prove_optimum(poses, edges, settings.averaging)
     of_part = recording_of_keyframes(parts)
     between = of_part[edges.i] != of_part[edges.j]

@@ -98,8 +98,8 @@ def _uncompared(evidence: Evidence, shares: dict[Pair, float]) -> tuple[str, ...
     """A sentence on each joint whose images were not compared."""
     parts = evidence.scene_map.parts
     return tuple(
-        f"{parts[a].name} and {parts[b].name} hardly see a place from similar sides: only their edges tell that they "
-        "belong together"
+        f"too few frames of {parts[a].name} and {parts[b].name} show the same place from similar directions to compare "
+        "their images: only the edges between them show that they belong together"
         for a, b in sorted(_pairs_joined(evidence) - set(shares))
     )
 

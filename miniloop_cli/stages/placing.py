@@ -68,7 +68,7 @@ def placed_in(
     some = common_scans(parts, chosen)
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(some, settings.ransac, settings.verification.chi2, run) if looks else None
-    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric)
+    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads)
 
     is_new = chosen >= n
     added = edges.subset(edges.verified & ~is_new[edges.i] & is_new[edges.j])

@@ -37,37 +37,37 @@ class Stable(NamedTuple):
 
 
 def average_verified(
-    edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None = None
+    edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None = None, jobs: int = 1
 ) -> tuple[Poses, EdgeTable]:
     """Poses of all scans by motion averaging, and the edges; false ones are rejected with the reason.
 
     Edges that close no triangles do not take part at first. They return if they agree with the result of the others, or
-    join components of it, unless they belong to scans that follow a moving object.
+    join components of it, unless they belong to scans that follow a moving object. `jobs`: threads for large graphs.
     """
     photometric = photometric if settings.min_photo_consistency > 0 else None
     if photometric:
         edges = check_scans(edges, photometric, settings.min_photo_consistency)
     if settings.rotations == "robust":
         first = reject_unclosed(edges, count, settings)
-        stable = average_until_stable(first, count, settings, photometric)
+        stable = average_until_stable(first, count, settings, photometric, jobs)
         again = reject_residual_outliers(edges, stable.poses, settings)
         held_back = (edges.verdict != first.verdict) & ~stable.moving[edges.i] & ~stable.moving[edges.j]
         back = stable.edges.judged_as(again, held_back)
         if np.array_equal(back.verdict, stable.edges.verdict):
             return stable.poses, back
         edges = back
-    stable = average_until_stable(edges, count, settings, photometric)
+    stable = average_until_stable(edges, count, settings, photometric, jobs)
     return stable.poses, stable.edges
 
 
 def average_until_stable(
-    edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None
+    edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None, jobs: int = 1
 ) -> Stable:
     """Average and reject edges that contradict the poses, until none is rejected, at most MAX_ROUNDS times."""
     moving = np.zeros(count, bool)
     for _ in range(MAX_ROUNDS):
         edges = reject_unsupported_bridges(edges, count, settings.min_bridge_inliers)
-        poses = average_components(edges.subset(usable_edges(edges, count)), count, settings)
+        poses = average_components(edges.subset(usable_edges(edges, count)), count, settings, jobs)
         judged = reject_residual_outliers(edges, poses, settings)
         if photometric and np.array_equal(judged.verdict, edges.verdict):
             judged, moving = check_components(judged, poses, photometric, settings.min_photo_consistency, moving)
@@ -75,4 +75,5 @@ def average_until_stable(
             return Stable(poses, judged, moving)
         edges = judged
     edges = reject_unsupported_bridges(edges, count, settings.min_bridge_inliers)
-    return Stable(average_components(edges.subset(usable_edges(edges, count)), count, settings), edges, moving)
+    poses = average_components(edges.subset(usable_edges(edges, count)), count, settings, jobs)
+    return Stable(poses, edges, moving)

@@ -61,7 +61,8 @@ def test_a_segment_held_by_one_false_edge_is_put_right_by_its_many_true_ones():
 def test_triangles_tell_true_edges_from_false_ones():
     graph = view_graph("video", 200, 1600, 0.2, 0.3, 0.01, np.random.default_rng(3))
     rows = adjacency(200, graph.pairs)
-    votes = voting.loop_votes(graph.pairs, rows_of(graph.T_j_i), np.ones(1600), *rows, NEAR)
+    votes = np.empty(1600)
+    voting.loop_votes(0, 1600, graph.pairs, rows_of(graph.T_j_i), np.ones(1600), *rows, NEAR, votes)
     assert np.median(votes[~graph.false]) > 0.7
     assert np.median(votes[graph.false]) < 0.5
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import benchmarks
-from benchmarks.experiments.averaging import errors
+from benchmarks.experiments.averaging import errors, graph_rows
 from benchmarks.experiments.view_graphs import view_graph
 from miniloop_cli.errors import ConfigError
 from miniloop_cli.geometry.se3 import exp_so3, inverse, rotation_angle_deg
@@ -63,6 +63,12 @@ def test_errors_do_not_see_the_gauge():
 def test_impossible_graphs_are_refused(kind, edges, outliers):
     with pytest.raises(ConfigError):
         view_graph(kind, 10, edges, outliers, 0.0, 0.0, np.random.default_rng(0))
+
+
+def test_the_certificate_is_that_of_the_true_edges():
+    (row,) = graph_rows("video", 150, 750, 0.04, 0.5, 0.01, True, False, 0)
+    assert row["proof_edges"] == 720 and row["certified"] and row["relative_gap"] <= 1e-4
+    assert row["proof_cpu_seconds"] > 0
 
 
 @pytest.mark.slow

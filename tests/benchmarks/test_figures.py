@@ -115,7 +115,9 @@ def test_rows_of_a_command_become_a_table(tmp_path, monkeypatch):
     monkeypatch.setattr(store.load, "__defaults__", (path,))
     monkeypatch.setattr(store.save, "__defaults__", (path,))
     monkeypatch.setattr("benchmarks.side_by_side.report.update", lambda figures, check: [])
-    for name, row in (("whole", WHOLE), ("growth", GROWTH), ("averaging", AVERAGING)):
+    proof = AVERAGING | {"proof_edges": 475, "proof_cpu_seconds": 0.26, "certified": True, "relative_gap": 1e-6}
+    rows = {"whole": WHOLE, "growth": GROWTH, "averaging": AVERAGING, "certificate-large": proof}
+    for name, row in rows.items():
         (tmp_path / "rows.json").write_text(json.dumps({"rows": [row]}))
         done = CliRunner().invoke(benchmarks, ["record", name, str(tmp_path / "rows.json")])
         assert done.exit_code == 0, done.output
@@ -125,6 +127,10 @@ def test_rows_of_a_command_become_a_table(tmp_path, monkeypatch):
     assert found.runs["growth"]["command"] == "python -m benchmarks growth" and "note" not in found.runs["growth"]
     assert "| video, 100 scans, 500 edges, 5 % outliers | 1.50 | 2.50 | 0.50 |" in found.table("averaging.scale")
     assert "mean 3.0" in found.runs["averaging"]["note"]
+    assert found.runs["averaging"]["command"] == "python -m benchmarks averaging --scans 100"
+    proven = "| video, 100 scans, 475 edges | 0.30 | certified, within 0.0001 % of the lowest cost |"
+    assert proven in found.table("certificate-large.video")
+    assert found.runs["certificate-large"]["command"] == "python -m benchmarks averaging --scans 100 --certificate"
 
 
 def test_no_measured_figure_of_the_readme_is_typed():

@@ -82,7 +82,7 @@ def test_a_joint_of_which_the_pictures_tell_nothing_is_noted(run):
     found = examined(replace(scene_map, joined=replace(scene_map.joined, T_world_cam=T)), SETTINGS, run).joined
     assert found.doubts == ()
     (note,) = joined_from(joined_arrays(found)).notes
-    assert note.startswith("hall and again hardly see a place from similar sides")
+    assert note.startswith("too few frames of hall and again show the same place from similar directions")
 
 
 def test_a_joint_that_the_pictures_contradict_is_cut_and_told(run):
