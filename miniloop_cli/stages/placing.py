@@ -63,12 +63,14 @@ def placed_in(
     near = near[near < n]
     chosen = np.concatenate([near, np.arange(n, int(before.first[-1]) + len(part))])
     edges = EdgeTable.concatenated([own, before.joined.edges, between])
-    edges = edges.subset(np.isin(edges.i, chosen) & np.isin(edges.j, chosen))
+    compared = np.arange(len(edges)) < len(edges) - len(between)
+    inside = np.isin(edges.i, chosen) & np.isin(edges.j, chosen)
+    edges, compared = edges.subset(inside), compared[inside]
     edges = replace(edges, i=np.searchsorted(chosen, edges.i), j=np.searchsorted(chosen, edges.j))
     some = common_scans(parts, chosen)
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(some, settings.ransac, settings.verification.chi2, run) if looks else None
-    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads)
+    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads, compared)
 
     is_new = chosen >= n
     added = edges.subset(edges.verified & ~is_new[edges.i] & is_new[edges.j])
