@@ -138,10 +138,10 @@ def _at_rest(
 ) -> tuple[Settled, Tracks]:
     """The piece at rest with its `new` keyframes (K,), and its tracks, from poses T (K, 4, 4) nearby.
 
-    As long as matches may change, nearly at rest is enough: first what shares points with the new keyframes, then all.
+    As long as matches may change, the keyframes that are matched again are brought nearly to rest, and those that share
+    points with them; then all to rest.
     """
     T_matched, again, far = T, new, new
-    active = None
 
     def adjusted(active: Bools, rest: Rest) -> Settled:
         return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads, active, rest)
@@ -156,11 +156,9 @@ def _at_rest(
     while far.any():
         again = again | far
         tracks = _tracks(known, T, inside, again, scans, settings, run)
-        if active is None:
-            seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-            active = new | (shared_tracks(seen, new) >= MIN_SHARED)
-        T = adjusted(active, NEARLY_AT_REST).T_world_cam
-        active, far = inside, moved_far()
+        seen = Observations.of(tracks, scans, settings.bundle.min_frames)
+        T = adjusted(again | (shared_tracks(seen, again) >= MIN_SHARED), NEARLY_AT_REST).T_world_cam
+        far = moved_far()
         if not far.any():
             found = adjusted(inside, AT_REST)
             T, far = found.T_world_cam, moved_far()

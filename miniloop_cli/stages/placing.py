@@ -23,6 +23,7 @@ from miniloop_cli.verification.consensus import average_verified
 
 LOG = logging.getLogger("miniloop")
 MOVED_M, MOVED_DEG = 0.01, 0.5  # matches may change beyond a third of the window of guided matching
+ROUNDING_M = 1e-6  # a pose that was held differs by less
 MOST_TOUCHED = 0.5  # share of a piece that the new recording shows; beyond, adjusting all costs no more
 
 
@@ -63,12 +64,14 @@ def placed_in(
     near = near[near < n]
     chosen = np.concatenate([near, np.arange(n, int(before.first[-1]) + len(part))])
     edges = EdgeTable.concatenated([own, before.joined.edges, between])
-    edges = edges.subset(np.isin(edges.i, chosen) & np.isin(edges.j, chosen))
+    compared = np.arange(len(edges)) < len(edges) - len(between)
+    inside = np.isin(edges.i, chosen) & np.isin(edges.j, chosen)
+    edges, compared = edges.subset(inside), compared[inside]
     edges = replace(edges, i=np.searchsorted(chosen, edges.i), j=np.searchsorted(chosen, edges.j))
     some = common_scans(parts, chosen)
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(some, settings.ransac, settings.verification.chi2, run) if looks else None
-    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads)
+    poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads, compared)
 
     is_new = chosen >= n
     added = edges.subset(edges.verified & ~is_new[edges.i] & is_new[edges.j])
@@ -108,7 +111,7 @@ def require_map_as_it_is(name: str, T_before: Floats, T_after: Floats) -> None:
     That happens when recording `name` closes a loop: the map bends, and its matches must be judged at other poses.
     """
     angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T_after)
-    moved = (angle_deg > 0) | (distance_m > 0)
+    moved = distance_m > ROUNDING_M
     if moved.any():
         deg, cm = np.median(angle_deg[moved]), 100 * np.median(distance_m[moved])
         LOG.debug("%d keyframes of the map that share points move by %.2f cm and %.2f deg", moved.sum(), cm, deg)

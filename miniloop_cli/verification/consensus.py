@@ -37,16 +37,22 @@ class Stable(NamedTuple):
 
 
 def average_verified(
-    edges: EdgeTable, count: int, settings: Averaging, photometric: PhotometricCheck | None = None, jobs: int = 1
+    edges: EdgeTable,
+    count: int,
+    settings: Averaging,
+    photometric: PhotometricCheck | None = None,
+    jobs: int = 1,
+    compared: Bools | None = None,
 ) -> tuple[Poses, EdgeTable]:
     """Poses of all scans by motion averaging, and the edges; false ones are rejected with the reason.
 
     Edges that close no triangles do not take part at first. They return if they agree with the result of the others, or
     join components of it, unless they belong to scans that follow a moving object. `jobs`: threads for large graphs.
+    `compared` (m,): edges whose images were compared before, with success.
     """
     photometric = photometric if settings.min_photo_consistency > 0 else None
     if photometric:
-        edges = check_scans(edges, photometric, settings.min_photo_consistency)
+        edges = check_scans(edges, photometric, settings.min_photo_consistency, compared)
     if settings.rotations == "robust":
         first = reject_unclosed(edges, count, settings)
         stable = average_until_stable(first, count, settings, photometric, jobs)

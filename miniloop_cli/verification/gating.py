@@ -31,11 +31,16 @@ def reject_unsupported_bridges(edges: EdgeTable, count: int, least: int) -> Edge
     return edges.reject(alone, Rejection.UNSUPPORTED_BRIDGE, edges.inlier_count)
 
 
-def check_scans(edges: EdgeTable, photometric: PhotometricCheck, min_photo_consistency: float) -> EdgeTable:
-    """Reject edges that the images and depths of their scans contradict or cannot confirm."""
+def check_scans(
+    edges: EdgeTable, photometric: PhotometricCheck, min_photo_consistency: float, compared: Bools | None = None
+) -> EdgeTable:
+    """Reject edges that the images and depths of their scans contradict or cannot confirm.
+
+    `compared` (m,): edges whose images were compared before, with success; they are not compared again.
+    """
     rows_open = np.flatnonzero(edges.open)
-    ratio = np.ones(len(edges))
-    ratio[rows_open] = agreement_ratio(photometric.votes(edges.pairs[rows_open], edges.T_j_i[rows_open]))
+    ratio, unseen = np.ones(len(edges)), rows_open if compared is None else np.flatnonzero(edges.open & ~compared)
+    ratio[unseen] = agreement_ratio(photometric.votes(edges.pairs[unseen], edges.T_j_i[unseen]))
     on_edges = share_on_discontinuities(edges.subset(rows_open), photometric.outline)
     step_m = np.asarray(photometric.step_m, float)
     step = np.minimum(step_m[edges.i], step_m[edges.j])

@@ -50,8 +50,10 @@ class FramePictures:
 def frame_pictures(data: ReportData, store: Store, share: int = 1) -> FramePictures:
     """Pictures of the frames of a run; unavailable ones are left out. Raises InputError for a damaged file.
 
-    `share`: runs that the page shows together.
+    `share`: runs that the page shows together. A power of two is taken, so that a map which grows by a recording mostly
+    finds its pictures in the cache.
     """
+    share = 1 << (share - 1).bit_length()
     kept = read_thumbnails(data.results.root / "thumbnails.npz")
     n = len(data.frames)
     large: dict[int, Bytes] = {}
