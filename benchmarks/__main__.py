@@ -155,10 +155,10 @@ def run(sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], with
 
 
 @benchmarks.command(context_settings=CONTEXT, short_help="Measured rows into results.json.")
-@click.argument("name", type=click.Choice(["averaging", "growth", "whole"]))
+@click.argument("name", type=click.Choice(["averaging", "camera-parts", "growth", "whole"]))
 @click.argument("rows", type=FILE)
 def record(name: str, rows: Path) -> None:
-    """Put the table of `averaging`, `growth` or `whole` into results.json; ROWS is what the command wrote with --json.
+    """Put the table of a command into results.json; ROWS is what that command wrote with --json.
 
     \b
     Example:   python -m benchmarks record whole whole.json

@@ -29,6 +29,7 @@ METHODS = {
 }
 TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
     "averaging": ("averaging.scale", "Averaging of ever larger view graphs", sections.averaging_scale),
+    "camera-parts": ("camera-parts.models", "What each part of the camera is worth", sections.camera_parts),
     "whole": ("whole.recordings", "Whole recordings", sections.whole_recordings),
     "growth": ("growth.rooms", "Walks through many rooms", sections.growth),
 }
