@@ -155,7 +155,7 @@ def run(sequences: tuple[Path, ...], results: Path, parts: tuple[str, ...], with
 
 
 @benchmarks.command(context_settings=CONTEXT, short_help="Measured rows into results.json.")
-@click.argument("name", type=click.Choice(["averaging", "certificate-large", "growth", "whole"]))
+@click.argument("name", type=click.Choice(["averaging", "camera-parts", "certificate-large", "growth", "whole"]))
 @click.argument("rows", type=FILE)
 def record(name: str, rows: Path) -> None:
     """Put a measured table into results.json; ROWS is what the command of that name wrote with --json.

@@ -246,7 +246,16 @@ CAMERA_PARTS = Benchmark(
         Column("changed", "{changed}", ">9"),
         *numbers(">9", ".1f", fx="fx px", cpu_s="CPU s"),
     ),
-    options=(SEQUENCES,),
+    options=(
+        SEQUENCES,
+        click.option(
+            "--camera",
+            "cameras",
+            multiple=True,
+            type=click.Choice(["own", "default"]),
+            help="Only this camera; may be repeated [default: both].",
+        ),
+    ),
 )
 
 ON_RECORDINGS = (ABLATION, CAMERA_PARTS, EDGES, OUTLIERS, RECALL, WHOLE)

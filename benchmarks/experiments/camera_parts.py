@@ -63,15 +63,19 @@ def ladder(models: tuple[tuple[str, ...], ...]) -> Iterator[None]:
         self_calibration.LADDER = usual
 
 
-def part_rows(sequences: Sequence[Path], seed: int, workers: Workers) -> Iterator[Row]:
-    """Rows of each recording, with its own camera and with TUM's ROS default, and each of MODELS; then the choice.
+def part_rows(sequences: Sequence[Path], cameras: Sequence[str], seed: int, workers: Workers) -> Iterator[Row]:
+    """Rows of each recording, with its "own" camera and with TUM's ROS "default", and each of MODELS; then the choice.
+
+    `cameras`: only these; empty: both.
 
     A model is taken if held-out tracks speak for it, as always. Seconds are those of the processor in the refinement.
     """
     for folder in sequences:
         recording, truth = open_with_truth(folder)
         default = replace(default_camera(), depth_scale=recording.camera.depth_scale, depth_scale_assumed=False)
-        for name, camera in (("its own", recording.camera), ("ROS default", default)):
+        for short, name, camera in (("own", "its own", recording.camera), ("default", "ROS default", default)):
+            if cameras and short not in cameras:
+                continue
             if (camera.width, camera.height) != (recording.camera.width, recording.camera.height):
                 continue
             sequence = replace(recording, camera=camera)

@@ -30,6 +30,7 @@ METHODS = {
 TABLES: dict[str, tuple[str, str, Callable[[Sequence[Json]], sections.Table]]] = {
     "certificate-large": ("certificate-large.video", "The certificate of larger graphs", sections.certificates),
     "averaging": ("averaging.scale", "Averaging of ever larger view graphs", sections.averaging_scale),
+    "camera-parts": ("camera-parts.models", "What each part of the camera is worth", sections.camera_parts),
     "whole": ("whole.recordings", "Whole recordings", sections.whole_recordings),
     "growth": ("growth.rooms", "Walks through many rooms", sections.growth),
 }

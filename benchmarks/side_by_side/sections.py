@@ -183,3 +183,12 @@ def growth(rows: Sequence[Json]) -> Table:
 def _cells(row: Json, keys: dict[str, str]) -> list[Any]:
     whole = {"peak_mb": round, "found_share": "{:.0%}".format, "between_share": "{:.0%}".format}
     return [whole[key](row[key]) if key in whole and row.get(key) is not None else row.get(key) for key in keys]
+
+
+def camera_parts(rows: Sequence[Json]) -> Table:
+    """Models of the camera, and what each leaves of the error."""
+    keys = {"ate_cm": "ATE cm", "scaled_cm": "scale aligned, cm", "fx": "fx px", "cpu_s": "CPU s of refinement"}
+    named = [[f"{row['sequence']}, {row['camera']}", row["model"]] for row in rows]
+    return ["recording, camera", "free", *keys.values()], [
+        [*name, *_cells(row, keys)] for name, row in zip(named, rows, strict=True)
+    ]

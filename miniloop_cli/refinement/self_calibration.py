@@ -5,6 +5,10 @@
 2. That model is fitted to all tracks, finally with narrow kernels.
 3. A parameter whose standard deviation is more than MAX_UNCERTAINTY of its prior keeps its given value, and the others
    are fitted again: a camera that only turns, a plane, or a single distance do not determine all of them.
+4. With two cameras, the first and the second half of the frames are fitted alone. Errors of depth that is read at a
+   slightly wrong place are shared by the whole image, and the jackknife over its parts does not see them; but the two
+   halves see other surfaces from other places. Standard deviations are enlarged by what the halves disagree beyond
+   them. Every other frame, or every other track, would share these errors.
 
 With a roughly known separate depth camera, depth is read at wrong pixels. Within a fit, a reading changes by the slope
 of the depth (two_cameras.py); after the fit, depth is registered to colour again.
@@ -26,6 +30,7 @@ from miniloop_cli.geometry.camera_parameters import (
     CameraParameters,
     numbers,
 )
+from miniloop_cli.refinement.birge_ratio import birge_ratio
 from miniloop_cli.refinement.bundle import BundleSettings
 from miniloop_cli.refinement.camera_measurements import CameraMeasurements, free_bundle
 from miniloop_cli.refinement.camera_priors import SCALE, prior_sigmas
@@ -101,8 +106,12 @@ def self_calibrate(
     status[model] = int(Status.UNOBSERVABLE)
     status[free] = int(Status.ESTIMATED)
     theta = np.where(status == Status.ESTIMATED, parameters.theta, 0.0)
-    given = two.given if two else None
-    return Calibration(camera, theta, covariance, status, middle_m, gain, gain_sigma, SCALE[camera.trust], given)
+    calibration = Calibration(camera, theta, covariance, status, middle_m, gain, gain_sigma, SCALE[camera.trust])
+    if two is None:
+        return calibration
+    factor = fit.disagreement_of_halves(T, parameters, free, fine) if len(free) else 1.0
+    covariance[np.ix_(free, free)] *= factor**2
+    return replace(calibration, depth_given=two.given, sigma_factor=factor)
 
 
 class _Fit:
@@ -168,6 +177,23 @@ class _Fit:
             if looking and self._moved_px(before, parameters) < SETTLED_PX:
                 break
         return T, parameters, problem, kept
+
+    def disagreement_of_halves(
+        self, T: Floats, parameters: CameraParameters, free: Ints, settings: BundleSettings
+    ) -> float:
+        """The Birge ratio of the parameters `free` (q,), fitted to the first and to the second half of the frames.
+
+        Both begin at poses T (n, 4, 4) and parameters that fit all frames. A track through both halves is divided.
+        """
+        frames = np.unique(self.part.frame)
+        early = self.part.frame < frames[len(frames) // 2]
+        step, covariance = np.zeros(len(free)), np.zeros((len(free), len(free)))
+        for sign, rows in ((1, early), (-1, ~early)):
+            half = _Fit(self.T, self.part.subset(rows), self.moving, self.timing, self.jobs, self.two)
+            _, found, problem, kept = half.settled(T, parameters, free, settings, FINE_STEPS)
+            step += sign * found.theta[free]
+            covariance += problem.covariance(image_part(kept.px, self.moving.camera))
+        return birge_ratio(step, covariance)
 
     def _moved_px(self, before: CameraParameters, after: CameraParameters) -> float:
         """How far points at the corners of the image, 1 m and 3 m away, moved in the depth image at most."""

@@ -6,6 +6,7 @@ from typing import Any
 
 from miniloop_cli.scene.calibration import Calibration, Status
 
+LARGE_FACTOR = 2.0  # of standard deviations; a larger one is said in words
 DIGITS = dict.fromkeys(("fx", "fy", "cx", "cy", "depth_fx", "depth_cx", "depth_cy"), 2)
 WORDS = {
     Status.ESTIMATED: "estimated",
@@ -21,6 +22,7 @@ def numbers(found: Calibration) -> dict[str, Any]:
         "held_out_gain": round(found.gain, 5),
         "held_out_gain_sigma": round(min(found.gain_sigma, 1e9), 5),
         "depth_scale_sigma": found.scale_sigma,
+        "sigma_factor": round(found.sigma_factor, 3),
         "parameters": {
             each.name: {
                 "given": _rounded(each.given),
@@ -52,7 +54,8 @@ def one_line(numbers: dict[str, Any]) -> str:
     parts = [", ".join(by_status.pop(WORDS[Status.ESTIMATED], []))]
     parts += [f"{status}: {', '.join(word.split()[0] for word in words)}" for status, words in by_status.items()]
     gain = 100 * numbers["held_out_gain"]
-    return "; ".join([*parts, f"held-out points fit {gain:.1f} % better", "the unit of depth is not estimated"])
+    ends = [f"held-out points fit {gain:.1f} % better", "the unit of depth is not estimated"]
+    return "; ".join([*parts, *ends, *_disagreement(numbers)])
 
 
 def in_words(numbers: dict[str, Any]) -> str:
@@ -60,10 +63,11 @@ def in_words(numbers: dict[str, Any]) -> str:
     if not numbers["changed"]:
         return "The camera is unchanged: no other one predicts held-out points clearly better than the one given."
     gain, sigma = 100 * numbers["held_out_gain"], 100 * numbers["held_out_gain_sigma"]
-    return (
+    said = (
         f"Held-out points fit {gain:.1f} ± {sigma:.1f} % better. The unit of depth stays that of the sensor, known to "
         f"{100 * numbers['depth_scale_sigma']:g} %: a recording does not determine it."
     )
+    return " ".join([said, *(f"{each[0].upper()}{each[1:]}." for each in _disagreement(numbers))])
 
 
 def rows(numbers: dict[str, Any]) -> list[tuple[str, str, str, str, str]]:
@@ -72,6 +76,15 @@ def rows(numbers: dict[str, Any]) -> list[tuple[str, str, str, str, str]]:
         (name, f"{each['given']:.6g}", f"{each['value']:.6g}", f"{each['sigma']:.2g}", each["status"])
         for name, each in numbers["parameters"].items()
     ]
+
+
+def _disagreement(numbers: dict[str, Any]) -> list[str]:
+    """A clause, if two halves of the recording determine clearly different cameras."""
+    factor = numbers.get("sigma_factor", 1.0)  # results of earlier versions have none
+    if factor <= LARGE_FACTOR:
+        return []
+    text = f"the two halves of the recording determine different cameras: standard deviations are {factor:.1f} times"
+    return [f"{text} larger than within a half"]
 
 
 def _words(name: str, each: dict[str, Any]) -> str:

@@ -43,7 +43,8 @@ class Calibration:
     camera_parameters.NAMES. `gain`: relative decrease of the cost of held-out points, and `gain_sigma` its standard
     deviation. `scale_sigma`: relative, of the unit of depth, which a recording does not determine. `depth_given`: the
     given separate depth camera, if it was calibrated. `beforehand`: from an earlier run, so that the features are
-    those of the calibrated camera.
+    those of the calibrated camera. `sigma_factor`: by which the covariance of estimated parameters was enlarged
+    (standard deviations; it is in the covariance), as two halves of the recording disagree beyond it.
     """
 
     given: Camera
@@ -56,6 +57,7 @@ class Calibration:
     scale_sigma: float
     depth_given: DepthCamera | None = None
     beforehand: bool = False
+    sigma_factor: float = 1.0
 
     @property
     def depth_camera(self) -> DepthCamera | None:
@@ -99,7 +101,8 @@ class Calibration:
             given = first.depth_given
             of_depth = steps_between((given.camera, given.T_color_depth), (own.camera, own.T_color_depth))
         theta = CameraParameters.between(first.given, self.camera, of_depth, self.middle_m).theta
-        return replace(first, theta=theta, covariance=self.covariance, middle_m=self.middle_m)
+        found = replace(first, theta=theta, covariance=self.covariance, middle_m=self.middle_m)
+        return replace(found, sigma_factor=self.sigma_factor)
 
     @property
     def sigmas(self) -> Floats:

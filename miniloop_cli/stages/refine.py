@@ -108,7 +108,7 @@ def refine(
 def _columns(found: Calibration | None) -> Arrays:
     if found is None:
         return {}
-    numbers = np.array([found.middle_m, found.gain, found.gain_sigma, found.scale_sigma])
+    numbers = np.array([found.middle_m, found.gain, found.gain_sigma, found.scale_sigma, found.sigma_factor])
     columns = {"theta": found.theta, "theta_covariance": found.covariance, "theta_status": found.status}
     return columns | {"calibration": numbers}
 
@@ -119,5 +119,6 @@ def _calibration(kept: Arrays, scans: Scans) -> Calibration | None:
         return None
     theta, covariance, status = kept["theta"], kept["theta_covariance"], kept["theta_status"]
     given = scans.two.given if scans.two else None
-    found = Calibration(scans.camera, theta, covariance, status, *kept["calibration"].tolist())
-    return replace(found, depth_given=given)
+    *numbers, sigma_factor = kept["calibration"].tolist()
+    found = Calibration(scans.camera, theta, covariance, status, *numbers)
+    return replace(found, depth_given=given, sigma_factor=sigma_factor)

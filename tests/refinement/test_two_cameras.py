@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.experiments import known_two_cameras
 from benchmarks.experiments.known_two_cameras import OWN, Room, calibrated, drawn, room
 from miniloop_cli.config import Depth
 from miniloop_cli.features.ray_depth import depth_on_rays
@@ -13,6 +14,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA, CameraParameters
 from miniloop_cli.geometry.depth_registration import register_depth
+from miniloop_cli.refinement.birge_ratio import birge_ratio
 from miniloop_cli.refinement.camera_priors import prior_sigmas
 from miniloop_cli.refinement.two_cameras import TwoCameras
 from miniloop_cli.scene.calibration import Calibration, Status
@@ -130,12 +132,38 @@ def test_a_second_fit_is_told_from_what_the_first_was_given():
     first = Calibration(COLOR, theta, prior, status, 2.0, 0.5, 0.1, 0.02, OWN)
     color, own = first.as_given
     assert color.trust == COLOR.trust and own.camera.trust == OWN.camera.trust
-    second = Calibration(color, more, surer, status, 2.0, 0.0, 0.0, 0.02, own)
+    second = Calibration(color, more, surer, status, 2.0, 0.0, 0.0, 0.02, own, sigma_factor=2.5)
     both = second.continues(first)
     np.testing.assert_allclose(both.depth_camera.T_color_depth, second.depth_camera.T_color_depth, atol=1e-12)
     assert both.depth_camera.camera.fx == pytest.approx(second.depth_camera.camera.fx)
     assert both.given == COLOR and both.depth_given == OWN and both.gain == 0.5
+    assert both.sigma_factor == 2.5
     np.testing.assert_array_equal(both.covariance, surer)
+
+
+def test_what_two_fits_disagree_beyond_their_sigmas_enlarges_these():
+    C = np.diag([0.01, 4.0, 1.0])
+    C[0, 1] = C[1, 0] = 0.1999  # nearly singular: each parameter counts alone
+    assert birge_ratio(np.array([0.3, -6.0, 3.0]), C) == pytest.approx(3.0)
+    assert birge_ratio(np.array([0.01, 0.1, 0.5]), C) == 1.0
+
+
+@pytest.mark.slow
+def test_a_camera_that_changes_in_the_middle_has_larger_sigmas(monkeypatch):
+    measured = known_two_cameras._measured
+
+    def changed(scene, truth, rng):
+        found = measured(scene, truth, rng)
+        later = found.frame >= len(scene.T) // 2
+        return replace(found, px_ideal=found.px_ideal + np.where(later, 10.0, 0.0)[:, None])
+
+    factors = []
+    for how in (measured, changed):
+        monkeypatch.setattr(known_two_cameras, "_measured", how)
+        rng = np.random.default_rng(3)
+        found, _ = calibrated(room(rng), drawn(rng), rng)
+        factors.append(found.sigma_factor)
+    assert factors[0] < 2 and factors[1] > 2 * factors[0]
 
 
 @pytest.mark.slow
