@@ -153,11 +153,12 @@ def adjusted_until_rest(
 
 
 class Settled(NamedTuple):
-    """Poses (K, 4, 4) and points (tracks, 3) at rest, and the observations."""
+    """Poses (K, 4, 4) and points (tracks, 3) at rest, the observations, and the terms of edges."""
 
     T_world_cam: Floats
     points: Floats
     seen: Observations
+    terms: Sequence[PoseTerm]
 
 
 def settled(
@@ -185,20 +186,19 @@ def settled(
     points = known_points(landmarks(scans.points, T_world_cam, tracks), tracks, scans.first_feature)
     active = inside if active is None else active & inside
     found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, rest)
-    return Settled(*found, seen)
+    return Settled(*found, seen, terms)
 
 
-def covariance_beside_the_map(
-    T_world_cam: Floats, points: Floats, seen: Observations, new: Bools, scans: ScanSet, settings: Bundle, jobs: int
-) -> Floats:
-    """(k, 6, 6) covariances of the `new` keyframes (K,) at the minimum, given all others.
+def covariance_beside_the_map(found: Settled, new: Bools, scans: ScanSet, settings: Bundle, jobs: int) -> Floats:
+    """(k, 6, 6) covariances of the `new` keyframes (K,) where they were `found`, given all others.
 
-    Poses T_world_cam (K, 4, 4) and points (p, 3) m in the world. Covariances are of (w, v) in the camera's frame.
+    Covariances are of (w, v) in the camera's frame.
     """
     kind = replace(_fine(settings), covariance=True, max_iterations=0)
-    found = seen.of_tracks_seen_by(new).adjusted(T_world_cam, scans, kind, jobs, ~new, points)
-    assert found.covariance is not None
-    return six_digits(found.covariance[new])
+    part = found.seen.of_tracks_seen_by(new)
+    result = part.adjusted(found.T_world_cam, scans, kind, jobs, ~new, found.points, found.terms)
+    assert result.covariance is not None
+    return six_digits(result.covariance[new])
 
 
 def _fine(settings: Bundle) -> BundleSettings:

@@ -124,8 +124,9 @@ class Bundle:
         """(n, 6, 6) marginal covariances of the poses at a minimum, given the anchors of their groups (n,).
 
         Variances are those of the grouped jackknife, by one Newton step without each part (k,): see jackknife.py.
-        Correlations are those of the inverse Hessian, as the parts are too few to estimate them. Infinite for poses
-        that at most one part of the image determines or joins to their anchor.
+        Correlations are those of the inverse Hessian, as the parts are too few to estimate them. Variances are at least
+        the share of its own that pose terms have in the information. Infinite for poses that at most one part of the
+        image determines or joins to their anchor.
         """
         self._proposal = self.state  # frees the memory of an earlier one
         held = anchor == np.arange(len(anchor))
@@ -150,10 +151,18 @@ class Bundle:
             variance += left * step**2
             unknown |= missing
         inverse = system.marginals(H)
-        size = np.sqrt(variance / np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse)))
+        # Pose terms stay when a part of the image is left out: what they leave open is in the inverse, by their share.
+        scale = np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse))
+        size = np.sqrt(np.maximum(variance / scale, self._share_of_terms(diagonal)))
         found = size[:, :, None] * inverse * size[:, None, :]
         found[unknown & ~held] = np.diag(np.full(6, np.inf))
         return found
+
+    def _share_of_terms(self, diagonal: Floats) -> Floats:
+        """(n, 6) the share of the pose terms in the information, whose `diagonal` (n, 6) has all terms."""
+        S, g = np.zeros((len(self.system), 6, 6)), np.zeros_like(diagonal)
+        add_pose_terms(self.pose_terms, self.T_world_cam, self._loose, _TIE, self.system, S, g)
+        return np.clip(np.einsum("nii->ni", S[: len(g)]) / diagonal, 0.0, 1.0)
 
     def at(self, R: Floats, t: Floats, X: Floats) -> State:
         """The state of these poses and points."""

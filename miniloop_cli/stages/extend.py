@@ -91,9 +91,10 @@ def _extended(
     edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
     edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
 
-    (T, points, seen), tracks = _at_rest(T, old.landmarks, edges, inside, new, fixed, scans, settings, run)
-    base = int(np.where(new, 0, shared_tracks(seen, new)).argmax())
-    own = covariance_beside_the_map(T, points, seen, new, scans, settings.bundle, run.workers.threads)
+    found, tracks = _at_rest(T, old.landmarks, edges, inside, new, fixed, scans, settings, run)
+    T = found.T_world_cam
+    base = int(np.where(new, 0, shared_tracks(found.seen, new)).argmax())
+    own = covariance_beside_the_map(found, new, scans, settings.bundle, run.workers.threads)
     covariance[new] = own + added_uncertainty(T[new], covariance[base], T[base])
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     piece = by_size(np.append(old.piece, placed.piece), of_part)

@@ -12,6 +12,7 @@ from miniloop_cli.mapping.adjustment import (
     AT_REST,
     NEARLY_AT_REST,
     Observations,
+    Settled,
     added_uncertainty,
     adjusted_locally,
     adjusted_until_rest,
@@ -91,6 +92,18 @@ def test_only_what_shares_points_moves(rng):
     assert np.abs(together - T).max() < 1e-5
 
 
+def test_a_keyframe_that_an_edge_alone_holds_is_as_uncertain_as_the_edge(rng):
+    T, _, scans, _, tracks = seven()
+    kept = {name: getattr(tracks, name)[tracks.frame != 6] for name in ("frame", "track", "feature")}
+    edge = replace(
+        small_part().edges.subset([0]), i=np.array([5]), j=np.array([6]), T_j_i=(se3.inverse(T[6]) @ T[5])[None]
+    )
+    found = settled(T, replace(tracks, **kept), edge, np.ones(7, bool), 0, scans, Bundle(), 1)
+    C = covariance_beside_the_map(found, np.arange(7) == 6, scans, Bundle(), 1)[0]
+    ratio = np.trace(C) / np.trace(np.linalg.inv(edge.information[0]))
+    assert 0.3 < ratio < 3
+
+
 def test_keyframes_that_are_not_active_keep_their_poses(rng):
     T, _, scans, _, tracks = seven()
     off = T.copy()
@@ -131,6 +144,8 @@ def test_a_keyframe_that_few_points_tie_is_held_by_its_edges(rng):
     )
     found = settled(off, tracks, edge, inside, 0, scans, Bundle(), 1)
     assert np.abs(found.T_world_cam - T).max() < 1e-4
+    C = covariance_beside_the_map(found, np.arange(7) >= 4, scans, Bundle(), 1)
+    assert np.isfinite(C).all() and np.trace(C[2]) > 100 * np.trace(C[1]), "its points are exact, but the edge is not"
     alone = settled(off, tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1)
     assert np.abs(alone.T_world_cam[6] - off[6]).max() < 1e-8, "nothing tells where it is"
     assert not (alone.seen.frame == 6).any()
@@ -149,7 +164,8 @@ def test_new_keyframes_promise_what_their_errors_are():
         settings = BundleSettings(relative_tolerance=1e-6)
         found = seen.adjusted(T, scans, settings, 1, ~new, None)
         T_new = found.T_world_cam
-        C = covariance_beside_the_map(T_new, found.points_world, seen, new, scans, Bundle(), 1)
+        at_rest = Settled(T_new, found.points_world, seen, [])
+        C = covariance_beside_the_map(at_rest, new, scans, Bundle(), 1)
         E = se3.inverse(T_new[new]) @ T[new]
         xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
         chi2 += np.einsum("ki,ki->k", xi, np.linalg.solve(C, xi[..., None])[..., 0]).tolist()
