@@ -47,7 +47,7 @@ def edge_rows(
         solved, poses, seconds = {}, {}, {}
         for n in lengths:
             solved[n], seconds[n] = _solve(overlaps, settings[n].estimation, seed, workers)
-            poses[n], _ = average(solved[n], overlaps.scans, settings[n].averaging, photometric)
+            poses[n], _ = average(solved[n], overlaps.scans, settings[n].averaging, photometric, run)
         # Every row has all edges of the graph, in the same order.
         scored = np.all([_scored(solved[n], poses[n], overlaps) for n in lengths], axis=0)
         pairs = solved[2].pairs[scored]
