@@ -31,7 +31,6 @@ MADE_BY = {
     artifacts.REFINED: "stages/refine.py",
     artifacts.JOINED: "stages/join.py",
     artifacts.SECOND_MODES: "stages/doubt.py",
-    artifacts.JOINED: "stages/join.py",
     CLOUD: "results/write.py",
     PICTURES: "report/cached_images.py",
 }
