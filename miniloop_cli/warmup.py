@@ -11,6 +11,7 @@ last step of a container image.
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import subprocess
 import sys
@@ -98,4 +99,5 @@ def warm_up() -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a tenth of the time of compiling
     warm_up()

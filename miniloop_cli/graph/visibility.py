@@ -39,10 +39,10 @@ def partners(
 
     Poses T_world_cam (n, 4, 4). `group` (n,) of each scan: only pairs across groups.
     """
-    views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
+    (T, T_inverse, sample, lens), pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
     own = None if group is None else group[scans]
     for a in range(len(scans)):  # row by row: all pairs of a long recording do not fit in memory
-        share = _mutual_shares(a, *views, MIN_SHARE)
+        share = _mutual_shares(a, T_inverse @ T[a], T_inverse[a] @ T, sample, lens, MIN_SHARE)
         if own is not None:
             share[own == own[a]] = 0.0
         near = np.flatnonzero(share >= MIN_SHARE)
@@ -58,9 +58,9 @@ def pairs_in_view(
 
     scans (k,): rows of the poses T_world_cam (n, 4, 4).
     """
-    views, pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
+    (T, T_inverse, sample, lens), pairs = _views(T_world_cam, scans, points, camera), set[Pair]()
     for a in range(len(scans)):
-        for b in np.flatnonzero(_shares(a, *views, least) >= least):
+        for b in np.flatnonzero(_shares(a, T_inverse @ T[a], sample, lens, least) >= least):
             if a != b:
                 pairs.add((int(min(scans[a], scans[b])), int(max(scans[a], scans[b]))))
     return pairs
@@ -86,10 +86,10 @@ def _views(
     T_world_cam: Floats, scans: Ints, points: Sequence[ScanPoints], camera: Camera
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Poses (m, 4, 4) of the scans, their inverses, sample points (m, SAMPLE, 3); fx fy cx cy width height."""
-    T = np.ascontiguousarray(T_world_cam[scans])
+    T = T_world_cam[scans]
     sample = sample_points([points[k] for k in scans])
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height])
-    return T, np.ascontiguousarray(se3.inverse(T)), sample, lens
+    return T, se3.inverse(T), sample, lens
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -109,26 +109,30 @@ def _share(T: Floats, points: Floats, lens: Floats, least: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shares(a: int, T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats, least: float) -> Floats:
-    """(n,) share of the sample points of scan a that lie in the image of each scan; 0 where it is below `least`."""
-    n = T_world_cam.shape[0]
+def _shares(a: int, T_cam_a: Floats, sample: Floats, lens: Floats, least: float) -> Floats:
+    """(n,) share of the sample points of scan a that lie in the image of each scan; 0 where it is below `least`.
+
+    T_cam_a (n, 4, 4): from scan a to each scan.
+    """
+    n = T_cam_a.shape[0]
     share = np.zeros(n)
     for b in range(n):
-        share[b] = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, least)
+        share[b] = _share(T_cam_a[b], sample[a], lens, least)
     return share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mutual_shares(
-    a: int, T_world_cam: Floats, T_cam_world: Floats, sample: Floats, lens: Floats, least: float
-) -> Floats:
-    """(n,) the smaller one of both shares of scan a and each other; 0 where it is below `least`, and for a itself."""
-    n = T_world_cam.shape[0]
+def _mutual_shares(a: int, T_cam_a: Floats, T_a_cam: Floats, sample: Floats, lens: Floats, least: float) -> Floats:
+    """(n,) the smaller one of both shares of scan a and each other; 0 where it is below `least`, and for a itself.
+
+    T_cam_a, T_a_cam (n, 4, 4): from scan a to each scan, and back.
+    """
+    n = T_cam_a.shape[0]
     share = np.zeros(n)
     for b in range(n):
         if b == a:
             continue
-        there = _share(T_cam_world[b] @ T_world_cam[a], sample[a], lens, least)
+        there = _share(T_cam_a[b], sample[a], lens, least)
         if there > 0.0:
-            share[b] = min(there, _share(T_cam_world[a] @ T_world_cam[b], sample[b], lens, least))
+            share[b] = min(there, _share(T_a_cam[b], sample[b], lens, least))
     return share

@@ -45,7 +45,8 @@ def closing_jacobians(T: Floats, A: Floats) -> None:
     A[e] is the adjoint of the later poses T[n-2] ... T[e+1].
     """
     last = T.shape[0] - 1
-    R, t = np.eye(3), np.zeros(3)
+    R, t = np.zeros((3, 3)), np.zeros(3)
+    R[0, 0] = R[1, 1] = R[2, 2] = 1.0
     for e in range(last, -1, -1):
         if e < last:
             for i in range(3):

@@ -10,9 +10,12 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from filelock import FileLock, Timeout
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from miniloop_cli.runtime.kernel_cache import PACKAGE, kernels_folder, sources_hash
+
+PATIENCE_S = 30.0  # longer than any kernel takes
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -74,6 +77,32 @@ class KernelCacheImpl(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """numba's cache of one compiled function, in our folder."""
+    """numba's cache of one compiled function, in our folder.
+
+    A process waits for a kernel that another one is compiling, e.g. the warm-up of a first run. No two processes wait
+    for each other, as kernels call each other in one direction only.
+    """
 
     _impl_class = KernelCacheImpl
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._lock = FileLock(f"{self.cache_path}/{self._impl.filename_base}.lock", timeout=PATIENCE_S)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled kernel; None if this process has to compile it. Then it holds the lock until it is saved."""
+        if (found := super().load_overload(sig, target_context)) is not None:
+            return found
+        with suppress(OSError, Timeout, NotImplementedError):  # the process that holds it may be paused
+            self._lock.acquire()
+            found = super().load_overload(sig, target_context)
+        if found is not None:
+            self._lock.release(force=True)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store a kernel that was compiled, and release the lock."""
+        try:
+            super().save_overload(sig, data)
+        finally:
+            self._lock.release(force=True)

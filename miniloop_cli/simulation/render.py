@@ -124,8 +124,9 @@ def render_rows(
     T_box_world, half, within, box_texture, sphere, sphere_texture, table, texel_per_m, atlas, light, blank = scene
     boxes, levels = len(half), table.shape[1]
     T, o, cones = np.empty((boxes, 3, 4)), np.empty((boxes, 3)), np.empty((boxes, 6))
-    near, nearby = np.empty(boxes), np.empty(boxes, np.int64)
-    radius = np.sqrt((half**2).sum(axis=1)) + 1e-6
+    near, nearby, radius = np.empty(boxes), np.empty(boxes, np.int64), np.empty(boxes)
+    for k in range(boxes):
+        radius[k] = math.sqrt(half[k, 0] ** 2 + half[k, 1] ** 2 + half[k, 2] ** 2) + 1e-6
     candidates = 0
     d, n, p, rgb = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for v in range(rows[0], rows[1]):

@@ -177,3 +177,45 @@ def test_every_source_that_is_compiled_is_in_the_hash():
                     source = parent / f"{alias.name}.py" if parent.is_dir() else parent.with_suffix(".py")
                     missing += [(path.name, node.module, alias.name)] if source not in hashed else []
     assert missing == []
+
+
+WAITS = """
+import time
+from pathlib import Path
+from numba.core import event
+class Slow(event.Listener):
+    def on_start(self, happened):
+        Path("begun").touch()
+        time.sleep({seconds})
+    def on_end(self, happened):
+        pass
+event.register("numba:compile", Slow())
+"""
+SECOND = """
+import time
+from pathlib import Path
+from miniloop_cli.runtime import kernels
+kernels.PATIENCE_S = {patience}
+while not Path("begun").exists():
+    time.sleep(0.01)
+"""
+CALLS = "from miniloop_cli.call import call; print(call(), sum(call.stats.cache_misses.values()))"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seconds", "patience", "compiled"), [(0.5, 60, 0), (4, 0.1, 1)], ids=["the other one is at work", "it is stuck"]
+)
+def test_no_two_processes_compile_a_kernel_at_once(package, seconds, patience, compiled):
+    """The second waits for the first, but not for ever."""
+    codes = [WAITS.format(seconds=seconds) + CALLS, SECOND.format(patience=patience) + CALLS]
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", code], cwd=package.parent, stdout=subprocess.PIPE, text=True,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(package.parent / "kernels")},
+        )
+        for code in codes
+    ]  # fmt: skip
+    first, second = (process.communicate(timeout=60)[0].split() for process in both)
+    assert first == ["7", "1"]
+    assert second == ["7", str(compiled)]
