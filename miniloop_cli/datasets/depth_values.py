@@ -84,7 +84,7 @@ def no_readings(sample: Many[Values], known: tuple[float, ...] = ()) -> list[tup
 
 def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
     """The smallest (`end` 0) or largest (-1) of all readings if it is far from the others, as a marker is."""
-    values, counts = np.unique(np.concatenate(readings), return_counts=True) if readings else (np.zeros(0), np.zeros(0))
+    values, counts = _counted(np.concatenate(readings)) if readings else (np.zeros(0), np.zeros(0))
     if len(values) < 2:
         return None
     value, count = values[end], int(counts[end])
@@ -97,6 +97,14 @@ def _odd_value(readings: list[Values], pixels: int, end: int) -> float | None:
     alone = counts[near].sum() < 0.001 * others
     spike = end and count > SPIKE * counts[near].max(initial=1)
     return float(value) if alone or spike else None
+
+
+def _counted(readings: Values) -> tuple[Values, Values]:
+    """The different values in ascending order, and how often each occurs."""
+    if readings.dtype != np.uint16:
+        return np.unique(readings, return_counts=True)
+    counts = np.bincount(readings)  # several times as fast as sorting them
+    return (values := np.flatnonzero(counts)), counts[values]
 
 
 def _size(stored: Values) -> tuple[int, int]:

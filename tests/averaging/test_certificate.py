@@ -100,6 +100,7 @@ def test_what_is_certified_has_no_negative_eigenvalue():
     assert found.certified and np.linalg.eigvalsh(dense_S(form, best))[0] > -found.gap * found.cost / 72
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
 def test_no_arrangement_is_better_than_the_bound_says(seed, disturbed):

@@ -174,6 +174,7 @@ def test_no_overlap_at_all(copied, tmp_path, registered):
     check_failed_run(tmp_path / "out", "no scan was registered")
 
 
+@pytest.mark.slow
 def test_ground_truth_that_is_not_a_number(copied, tmp_path, registered):
     truth = copied / "groundtruth.txt"
     lines = truth.read_text().splitlines()

@@ -150,6 +150,7 @@ def test_without_any_place_a_kernel_is_compiled_and_a_command_keeps_it_for_its_o
     assert not list(tmp_path.glob("miniloop-*"))
 
 
+@pytest.mark.slow
 def test_every_source_that_is_compiled_is_in_the_hash():
     """A constant or a function that a kernel takes from another module: that module's source is in the hash, too."""
     package = ROOT / "miniloop_cli"

@@ -121,6 +121,7 @@ def test_links_are_not_followed_and_said(folder, tmp_path):
     assert not ArchivePath(sequence.root / "secret.png").exists()
 
 
+@pytest.mark.slow
 def test_a_bomb_costs_no_memory(tmp_path):
     path = tmp_path / "a.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("rgb/1.png", "w") as member:

@@ -110,6 +110,7 @@ def test_frames_of_their_own_camera_are_resampled_as_before(tmp_path):
     np.testing.assert_allclose(_from_common(found.frames[0].camera, new), _from_common(own, DRIVER), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_depth_camera_survives_its_file_and_is_read_with_the_recording(tmp_path):
     settings = SimulationSettings(frames=2, width=64, height=48, depth_baseline_m=0.025, depth_turn_deg=0.5)
     folder = write_sequence(tmp_path / "two", settings, 1)

@@ -84,10 +84,10 @@ NEEDS_NUMBERS = ("replica", "bop", "bop units", "nerfstudio")  # no times: frame
 OWN_CAMERA = ("bonn",)
 
 
-@pytest.fixture(params=CASES)
-def case(request, tmp_path):
+@pytest.fixture(scope="module", params=CASES)
+def case(request, tmp_path_factory):
     layout, write, shots, color_off, depth_off = CASES[request.param]
-    return request.param, layout, write(tmp_path, shots), shots, color_off, depth_off
+    return request.param, layout, write(tmp_path_factory.mktemp("recording"), shots), shots, color_off, depth_off
 
 
 def test_recording_is_read_as_it_was_written(case):
@@ -142,6 +142,7 @@ def test_given_camera_overrules(case, tmp_path):
 CONFIDENT = [name for name in CASES if name.split()[0] in ("record3d", "stray", "polycam", "arkitscenes")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONFIDENT)
 def test_depth_of_low_confidence_is_no_reading(name, tmp_path):
     _, write, shots, _, _ = CASES[name]

@@ -237,6 +237,7 @@ def test_a_clock_that_starts_again_in_one_table_only_is_refused(tiny):
         open_sequence(tiny.root)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=int(os.environ.get("MINILOOP_FUZZ", "100")),
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

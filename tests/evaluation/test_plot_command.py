@@ -62,6 +62,7 @@ def test_lines_show_what_they_are_given(files):
     assert len(set(PALETTE)) == len(PALETTE) and len(set(DASHES)) == len(DASHES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
 def test_files_are_of_their_kind_and_the_same_each_time(files, kind):
     written = []

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import click
+import pytest
 
 import miniloop_cli
 
@@ -59,6 +60,7 @@ def is_command(node):
     return any("command" in ast.unparse(one) or "group" in ast.unparse(one) for one in node.decorator_list)
 
 
+@pytest.mark.slow
 def test_functions_that_raise_say_so():
     unsaid, counted = [], 0
     for where, node, about in public_functions():
@@ -78,6 +80,7 @@ def about_module(where):
     return ast.get_docstring(ast.parse((PACKAGE / where.split(":")[0]).read_text(encoding="utf-8"))) or ""
 
 
+@pytest.mark.slow
 def test_every_array_is_described():
     """By its name, in the docstring of the function, its class or its module; or there are as many shapes as arrays."""
     undescribed, counted = [], 0

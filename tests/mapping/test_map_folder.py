@@ -112,6 +112,7 @@ def test_a_write_that_ends_half_way_leaves_the_map_as_it_was(written, monkeypatc
     assert len(list((written / "map").iterdir())) == 3, "what no manifest names is removed"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_no_moment_to_be_killed_at_harms_the_map(written):
     """SIGKILL at random moments of a write: the old map or the new one is there, whole.

@@ -68,6 +68,7 @@ def use(folder):
     read_g2o(folder / "graph.g2o")
 
 
+@pytest.mark.slow
 @MANY
 @given(name=st.sampled_from(TEXTS), data=st.data())
 def test_damaged_text(folder, tmp_path_factory, name, data):

@@ -146,6 +146,7 @@ def test_only_files_of_the_package_are_not_escaped():
     assert sorted(set(exempt)) == ["script|safe", "style|safe", "viewer|safe"]
 
 
+@pytest.mark.slow
 def test_templates_are_loaded_when_a_report_is_written():
     code = "import sys, miniloop_cli.api, miniloop_cli.report; sys.exit('jinja2' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

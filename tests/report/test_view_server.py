@@ -28,7 +28,9 @@ from miniloop_cli.results.ply import read_ply, write_ply
 @contextmanager
 def serving(shown):
     server = ViewServer(shown)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread = threading.Thread(
+        target=server.serve_forever, args=(0.01,), daemon=True
+    )  # seconds until it sees that it is to end
     thread.start()
     try:
         yield server

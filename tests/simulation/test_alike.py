@@ -75,6 +75,7 @@ def test_rooms_may_look_alike():
     np.testing.assert_allclose(low[1] - low[0], np.tile(low[1][0] - low[0][0], (len(low[0]), 1)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_rooms_of_other_seeds_may_have_the_same_furniture():
     from miniloop_cli.simulation.building import build_scene
 

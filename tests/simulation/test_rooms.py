@@ -51,6 +51,7 @@ def test_at_a_persons_pace_the_camera_moves_like_a_hand_and_touches_nothing(room
     assert np.linalg.norm(first[:3, 3] - last[:3, 3]) < 1.5
 
 
+@pytest.mark.slow
 def test_rays_in_rooms_meet_the_box_that_is_nearest_of_all():
     settings = SimulationSettings(frames=60, width=64, height=48, rate_hz=1.0, rooms=5, rolling_shutter_s=0.0)
     scene, rays = build_scene("textureless", np.random.default_rng(1), 5), camera_rays(settings.camera)

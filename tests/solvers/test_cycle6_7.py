@@ -92,6 +92,7 @@ def test_truth_is_among_at_most_sixteen(solver, rng):
     assert 4 < counts.mean() < 6
 
 
+@pytest.mark.slow
 @solvers
 def test_every_solution_meets_every_match(solver, rng):
     p, q, _ = random_problems(rng, solver.matches, 2000)

@@ -63,6 +63,7 @@ def test_a_dense_recording_is_followed_by_itself(tracked, truth):
     assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 0.005
 
 
+@pytest.mark.slow
 def test_scans_without_order_are_left_alone(truth, tmp_path):
     """Few frames, frames far apart in time, frames that show other places."""
     frames = wall_frames(path(100, speed=20))
@@ -74,6 +75,7 @@ def test_scans_without_order_are_left_alone(truth, tmp_path):
     assert not (tmp_path / TRACKED.kind).exists()
 
 
+@pytest.mark.slow
 def test_off_is_off_and_on_is_on(dense, tracked, tmp_path):
     assert followed(dense, tmp_path, "off") is None
     assert same(followed(dense, tmp_path, "on"), tracked[0])
@@ -127,6 +129,7 @@ def test_a_killed_run_goes_on_where_it_was(dense, tracked, tmp_path, monkeypatch
     assert len(rest) == 1 and rest != made
 
 
+@pytest.mark.slow
 def test_a_damaged_part_is_made_again(dense, tracked, tmp_path):
     followed(dense, tmp_path, "on")
     first = parts_of(tmp_path)[0]
@@ -136,6 +139,7 @@ def test_a_damaged_part_is_made_again(dense, tracked, tmp_path):
     assert first.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_jobs_change_nothing(dense, tracked, tmp_path):
     assert same(followed(dense, tmp_path, jobs=2), tracked[0])
     assert [p.name for p in parts_of(tmp_path)] == [p.name for p in parts_of(tracked[1])]
@@ -156,6 +160,7 @@ def test_a_changed_image_is_followed_again(dense, tracked):
     assert [TrackedPart.from_arrays(arrays).first for arrays in new] == [80]
 
 
+@pytest.mark.slow
 def test_parts_meet_at_a_frame_that_shows_something(dense, truth, tmp_path):
     """Covered and broken frames where the parts would meet, and all that follow are tied nevertheless."""
     frames, nothing = list(dense.frames), np.zeros((120, 160), np.uint16)
