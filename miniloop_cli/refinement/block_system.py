@@ -23,11 +23,13 @@ TOLERANCE, MOST_STEPS = 1e-6, 300  # of conjugate gradients: the residual as a s
 class BlockIndex(NamedTuple):
     """The blocks right of the diagonal in row i have the numbers start[i] to start[i + 1] - 1, columns ascending.
 
-    start (n + 1,); columns (blocks,) of every block. Block i, of the first n, is the diagonal one of row i.
+    start (n + 1,); columns (blocks,) of every block. Block i, of the first n, is the diagonal one of row i. Blocks of
+    poses that are not free (n,) are not used.
     """
 
     start: Ints
     columns: NDArray[np.uint32]
+    free: Bools
 
 
 class BlockSystem:
@@ -70,7 +72,7 @@ class BlockSystem:
     def index(self) -> BlockIndex:
         """The numbers of the blocks, for kernels."""
         start = self.n + np.searchsorted(self._off, np.arange(self.n + 1) * self.n)
-        return BlockIndex(start, self.cols.astype(np.uint32))
+        return BlockIndex(start, self.cols.astype(np.uint32), np.isin(np.arange(self.n), self.free))
 
     def solve(self, blocks: Floats, right: Floats) -> Floats:
         """Solution (n, 6) of the system of (len, 6, 6) blocks for the right-hand side (n, 6)."""

@@ -99,16 +99,20 @@ class Bundle:
         S[lost(S, len(g))] = np.eye(6)  # they stay
         return self.system.solve(S, -g), L
 
-    def reduced(self, tracks: TrackRows, seen: PointEquations, damping: float) -> tuple[Floats, Floats, Floats]:
+    def reduced(
+        self, tracks: TrackRows, seen: PointEquations, damping: float, with_held: bool = False
+    ) -> tuple[Floats, Floats, Floats]:
         """Blocks (b, 6, 6) and gradient (n, 6) of the reduced camera system: these rows, and all pose terms.
 
-        Also the factors (p, 3, 3) of the points' own blocks, from which a step of the poses gives that of the points.
+        The rows leave poses out that are held, unless `with_held`. Also the factors (p, 3, 3) of the points' own
+        blocks, from which a step of the poses gives that of the points.
         """
         R, n, L = self.state.R, len(self.state.R), np.zeros((len(self.state.X), 3, 3))
+        index = self._index._replace(free=np.ones(n, bool)) if with_held else self._index
 
         def chunk(low: int, high: int) -> tuple[Floats, Floats]:
             S, g = np.zeros((len(self.system), 6, 6)), np.zeros((n, 6))
-            reduce_tracks(low, high, tracks, seen, R, damping, self._index, S, g, L)
+            reduce_tracks(low, high, tracks, seen, R, damping, index, S, g, L)
             return S, g
 
         parts = self._in_chunks(chunk)
@@ -131,7 +135,7 @@ class Bundle:
         self._proposal = self.state  # frees the memory of an earlier one
         held = anchor == np.arange(len(anchor))
         system, n = BlockSystem(held, self.pairs), len(held)
-        H = self.reduced(self.tracks, self.state.seen, _TIE)[0]
+        H = self.reduced(self.tracks, self.state.seen, _TIE, with_held=True)[0]
         unknown = np.zeros(n, bool)
         unknown[lost(H, n)] = True
         H[:n][unknown] = np.eye(6)
@@ -140,7 +144,7 @@ class Bundle:
         def without(number: int) -> tuple[Floats, Bools]:
             """The step (n, 6) of the poses without a part, and which are unknown then (n,)."""
             with self.state.seen.silent(np.flatnonzero(part == number)) as seen:
-                S, g, _ = self.reduced(self.tracks, seen, _TIE)
+                S, g, _ = self.reduced(self.tracks, seen, _TIE, with_held=True)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
             S[:n][gone], g[gone] = H[:n][gone], 0.0
             group = components(n, self.pairs[S[n:].any(axis=(1, 2))])

@@ -38,7 +38,7 @@ def reduce_tracks(
     """Add the tracks low..high - 1 to the reduced system.
 
     R (n, 3, 3) rotations of the poses; index of the upper blocks; S (blocks, 6, 6) and the reduced gradient
-    g (n, 6) are added to. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
+    g (n, 6) are added to, for free poses. Of diagonal blocks only the upper triangle counts; the caller mirrors it.
     L (p, 3, 3) gets the factors of the points' own blocks, damped; on its diagonals are the inverses of the factors'.
     """
     longest = 0
@@ -64,13 +64,16 @@ def reduce_tracks(
             for i in range(3):
                 for j in range(3):
                     M[k, i, j] = A[i, 0] * R[f, j, 0] + A[i, 1] * R[f, j, 1] + A[i, 2] * R[f, j, 2]
-                for j in range(6):
-                    AB[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
             for i in range(3):
                 for c in range(3):
                     e[0, i] += R[f, i, c] * a[c]
                     for j in range(i + 1):
                         V[i, j] += R[f, i, c] * M[k, c, j]
+            if not index.free[f]:
+                continue
+            for i in range(3):
+                for j in range(6):
+                    AB[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
             for i in range(6):
                 for c in range(3):
                     g[f, i] += B[c, i] * a[c]
@@ -88,6 +91,8 @@ def reduce_tracks(
             e[0, i] *= L[p, i, i]
         for k in range(length):
             f = tracks.frame[first + k]
+            if not index.free[f]:
+                continue
             for r in range(3):  # rows of N = M L^-T; Y = B^T N, so its lower half is -N and its upper N x x
                 for i in range(3):
                     rest = M[k, r, i]
@@ -106,10 +111,14 @@ def reduce_tracks(
             a0, a1, a2, a3, a4, a5, a6, a7, a8 = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
             b0, b1, b2, b3, b4, b5, b6, b7, b8 = a[9], a[10], a[11], a[12], a[13], a[14], a[15], a[16], a[17]
             i = tracks.frame[first + k]
+            if not index.free[i]:
+                continue
             q, end = i, index.start[i + 1]
             following = index.start[i]
             for m in range(k, length):
                 j = tracks.frame[first + m]
+                if not index.free[j]:
+                    continue
                 if j != i:
                     q = following
                     if index.columns[q] != j:  # mostly it is the next block, as tracks run through neighbouring frames
