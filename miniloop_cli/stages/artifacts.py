@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
-PROBED = Artifact("probed", 1)
-TRACKED = Artifact("tracked", 14)
+PROBED = Artifact("probed", 2)
+TRACKED = Artifact("tracked", 15)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)

@@ -16,11 +16,11 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
-from miniloop_cli.tracking.flow import follow, new_corners
+from miniloop_cli.tracking.flow import contrasts, follow, new_corners
 from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
 from miniloop_cli.tracking.motion import MIN_POINTS, frame_motion
 from miniloop_cli.tracking.surface import Surface, make_surface, openness, surface_motion
-from miniloop_cli.typing import Bools, Floats, Floats32
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
 
 MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
 FEW_POINTS = 60  # with fewer, depth and brightness are used as well
@@ -49,10 +49,14 @@ def track_part(sequence: Sequence, depth: Depth, settings: Tracking, first: int,
 
 @dataclass
 class _Key:
-    """The keyframe of the tracked points: their pixels in its image and their points in its camera (NaN: no depth)."""
+    """The keyframe of the tracked points: their pixels and contrast in its image, their points in its camera.
+
+    p_key is NaN without depth.
+    """
 
     frame: TrackFrame
     px: Floats32
+    contrast: Floats32
     p_key: Floats
     count: int
     surface: Surface | None = None  # made when it is needed
@@ -73,6 +77,7 @@ class _Tracker:
         self._T_cam_key = np.eye(4)
         self._step, self._step_s = np.eye(4), 0.0  # the camera's motion in the last frame, and over how many seconds
         self._stamp_s = 0.0
+        self._before: Bytes | None = None  # the image of the last frame
 
     def add(self, frame: TrackFrame, last: bool) -> None:
         """Link a frame to the last keyframe, or make it a keyframe; the `last` one becomes one in any case."""
@@ -90,7 +95,7 @@ class _Tracker:
             elif not link:
                 text = "the image has no depth, and no points tie it to a keyframe"
                 self._part.set(frame.number, TrackStatus.NO_DEPTH, text)
-        self._stamp_s = frame.stamp_s
+        self._stamp_s, self._before = frame.stamp_s, frame.gray
         if self._found:
             self._observe(frame)
 
@@ -106,8 +111,7 @@ class _Tracker:
         other, still_seen = self._by_surface(frame, key, link.T_cam_key if link else predicted)
         if link and not (other and openness(other.information) < openness(link.information)):
             return link, enough
-        # A keyframe whose points are lost is replaced, even if depth still overlaps with it.
-        return other, enough or (still_seen and key.count < FEW_POINTS)
+        return other, enough or still_seen
 
     def _by_points(self, frame: TrackFrame, key: _Key, predicted: Floats) -> Link | None:
         """Track the points of the keyframe into this image; those that move together are kept."""
@@ -115,9 +119,9 @@ class _Tracker:
         if len(key.px) < MIN_POINTS:
             return None
         before, after = key.frame.gray, frame.gray
-        found, good = follow(before, after, key.px, self._guess(key, predicted), sure=True)
+        found, good = follow(before, after, key.px, key.contrast, self._guess(key, predicted), sure=True)
         if good.sum() < 0.5 * len(key.px):
-            again, good_again = follow(before, after, key.px, self._px, sure=False)
+            again, good_again = follow(before, after, key.px, key.contrast, self._px, sure=False)
             if good_again.sum() > good.sum():
                 found, good = again, good_again
         px = found[good].astype(float)
@@ -129,14 +133,15 @@ class _Tracker:
         agrees = ~deep
         agrees[deep] = motion.agrees
         rows = np.flatnonzero(good)[agrees]
-        key.px, key.p_key = key.px[rows], key.p_key[rows]
+        key.px, key.contrast, key.p_key = key.px[rows], key.contrast[rows], key.p_key[rows]
         self._px, self._track, self._found = found[rows], self._track[rows], True
         return Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()))
 
     def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
         """The motion by depth and brightness, and whether the next frame can be compared with the same keyframe.
 
-        None if these do not fit, or do not determine all directions: the motion is never guessed.
+        None if these do not fit, or do not determine all directions: the motion is never guessed. Where points can be
+        followed again, a new keyframe begins.
         """
         key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
         motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
@@ -146,10 +151,16 @@ class _Tracker:
         information = _with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s))
         if openness(information) > 1:
             return None, False
-        # If there are points again, they are tracked from here on.
-        textured = len(new_corners(frame.gray, NO_POINTS, FEW_POINTS, frame.scan.depth_m > 0)) == FEW_POINTS
         link = Link(motion.T_cam_key, information, motion.cells // CELLS_A_POINT, True)
-        return link, motion.overlap > MIN_SURFACE and not textured
+        return link, motion.overlap > MIN_SURFACE and not self._has_points(frame)
+
+    def _has_points(self, frame: TrackFrame) -> bool:
+        """Whether a frame has points that can be followed; noise has corners, but no two images have the same."""
+        corners = new_corners(frame.gray, NO_POINTS, 2 * FEW_POINTS, frame.scan.depth_m > 0)
+        if len(corners) < FEW_POINTS or self._before is None:
+            return len(corners) >= FEW_POINTS
+        contrast = contrasts(frame.gray, corners)
+        return int(follow(frame.gray, self._before, corners, contrast, corners, sure=False)[1].sum()) >= FEW_POINTS
 
     def _predicted(self, elapsed_s: float) -> Floats:
         """T_cam_key (4, 4) of the next frame at constant velocity."""
@@ -186,7 +197,8 @@ class _Tracker:
         self.tracks += len(more)
         px = self._px.astype(float)
         z_m = depth_at(frame.scan.depth_m, px, self._depth)
-        self._key = _Key(frame, self._px, self._camera.backproject(self._camera.undistort(px), z_m), len(px))
+        p_key = self._camera.backproject(self._camera.undistort(px), z_m)
+        self._key = _Key(frame, self._px, contrasts(frame.gray, self._px), p_key, len(px))
         self._T_cam_key = np.eye(4)
         self._part.set(frame.number, TrackStatus.KEYFRAME)
 

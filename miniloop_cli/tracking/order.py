@@ -15,15 +15,20 @@ MANY = 0.05  # of all frames: with more, the stamps of the recording are not rel
 
 
 def notes_on_order(tracked: Tracked) -> list[Note]:
-    """Notes on neighbouring frames that are in the wrong order on the path."""
-    first = exchanged(followed_path(tracked))
+    """Notes on neighbouring frames that are in the wrong order on the path.
+
+    Frames that only depth links are left out: their motion is too inaccurate.
+    """
+    path = followed_path(tracked)
+    path[tracked.by_surface] = np.nan
+    first = exchanged(path)
     if not len(first):
         return []
     share = 2 * len(first) / len(tracked)
-    text = (
-        f"{len(first)} pairs of neighbouring frames are in the wrong order on the path (the first: {first[0]} and "
-        f"{first[0] + 1}): their images or their time stamps are exchanged"
-    )
+    a, b = first[0], first[0] + 1
+    pairs = f"{len(first)} pairs of neighbouring frames are in the wrong order on the path (the first: {a} and {b})"
+    which = pairs if len(first) > 1 else f"the neighbouring frames {a} and {b} are in the wrong order on the path"
+    text = f"{which}: their images or their time stamps are exchanged"
     return [Note(NoteKind.CONTRADICTED if share > MANY else NoteKind.ASSUMED, text)]
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from miniloop_cli.tracking.flow import BORDER_PX, CORNER_DISTANCE_PX, follow, new_corners
+from miniloop_cli.tracking.flow import BORDER_PX, CORNER_DISTANCE_PX, contrasts, follow, new_corners
 
 HEIGHT, WIDTH = 120, 160
 EVERYWHERE = np.ones((HEIGHT, WIDTH), bool)
@@ -39,7 +39,7 @@ def test_a_shift_is_found_to_a_tenth_of_a_pixel(pattern, shift):
     assert len(px) > 15
     near = px + np.float32(shift) + np.float32([1.5, -1.0])
     for guess_px, sure in ((near, True), (px, False)):
-        found, good = follow(before, after, px, guess_px, sure)
+        found, good = follow(before, after, px, contrasts(before, px), guess_px, sure)
         assert good.mean() > 0.9
         assert np.abs(found - px - shift)[good].max() < 0.1
 
@@ -51,7 +51,7 @@ def test_points_whose_surroundings_were_replaced_are_dropped(pattern):
     after = np.where(other > 0, pattern(seed=1), after)
     px = corners(before)
     away_px = np.linalg.norm(px - middle, axis=1)
-    _, good = follow(before, after, px, px, sure=True)
+    _, good = follow(before, after, px, contrasts(before, px), px, sure=True)
     assert (away_px < 22).sum() > 3 and not good[away_px < 22].any()
     assert (away_px > 44).sum() > 3 and good[away_px > 44].mean() > 0.8
 
@@ -59,16 +59,41 @@ def test_points_whose_surroundings_were_replaced_are_dropped(pattern):
 def test_points_that_leave_the_image_are_dropped(pattern):
     before, after = pattern(), pattern((-20.0, 0.0))
     px = new_corners(before, np.zeros((0, 2), np.float32), 100, EVERYWHERE)
-    found, good = follow(before, after, px, px - np.float32([20, 0]), sure=True)
+    found, good = follow(before, after, px, contrasts(before, px), px - np.float32([20, 0]), sure=True)
     assert not good[px[:, 0] < 20 + BORDER_PX - 1].any()
     assert (found[good] >= BORDER_PX).all()
     inner = ((px > (50, 15)) & (px < (WIDTH - 15, HEIGHT - 15))).all(axis=1)
     assert good[inner].mean() > 0.9
 
 
+@pytest.mark.parametrize("noise", [6.0, 20.0])
+def test_noise_is_not_followed(noise):
+    """It has corners, and a third of them are found near their place in the next image, and back again."""
+    rng = np.random.default_rng(0)
+    before, after = np.clip(rng.normal(60, noise, (2, 240, 320)), 0, 255).astype(np.uint8)
+    px = new_corners(before, np.zeros((0, 2), np.float32), 300, np.ones((240, 320), bool))
+    assert len(px) > 200
+    assert follow(before, after, px, contrasts(before, px), px, sure=True)[1].mean() < 0.01
+    assert follow(before, after, px, np.full(len(px), np.inf, np.float32), px, sure=True)[1].mean() > 0.1
+
+
+@pytest.mark.parametrize("gain", [0.9, 1.1])
+def test_a_changed_exposure_is_followed(pattern, gain):
+    before, after = pattern(), np.clip(gain * pattern((2.6, 1.7)).astype(float), 0, 255).astype(np.uint8)
+    px = corners(before)
+    found, good = follow(before, after, px, contrasts(before, px), px, sure=True)
+    assert good.mean() > 0.9
+
+
+def test_contrasts_are_deviations_of_the_windows(pattern):
+    image, px = pattern(), np.float32([[40.2, 60.9], [100.0, 30.0]])
+    by_hand = [image[y - 7 : y + 8, x - 7 : x + 8].std() for x, y in px.astype(int)]
+    np.testing.assert_allclose(contrasts(image, px), by_hand, rtol=1e-3)
+
+
 def test_no_points_are_followed_to_none(pattern):
     none = np.zeros((0, 2), np.float32)
-    found, good = follow(pattern(), pattern(), none, none, sure=True)
+    found, good = follow(pattern(), pattern(), none, np.zeros(0, np.float32), none, sure=True)
     assert found.shape == (0, 2) and good.shape == (0,)
 
 

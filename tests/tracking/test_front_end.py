@@ -214,3 +214,23 @@ def test_a_simulated_room_is_followed(tmp_path: Path, noise, deg, m):
     assert part.status[0] == part.status[-1] == KEYFRAME and part.key[0] == -1 and (part.key[1:] >= 0).all()
     off = errors(part, true.T_world_cam[at])
     assert off[0].max() < deg and off[1].max() < m
+
+
+@pytest.mark.slow
+def test_noise_in_the_dark_is_not_followed(tmp_path: Path):
+    """Noise has corners. A new keyframe for each dark frame would add up the errors of all their motions."""
+    settings = SimulationSettings(frames=N, width=320, height=240, rate_hz=30, path_share=0.06)
+    folder, dark = write_sequence(tmp_path / "room", settings, seed=1), range(10, 30)
+    rng = np.random.default_rng(0)
+    for image in [sorted((folder / "rgb").iterdir())[k] for k in dark]:
+        noise = np.clip(rng.normal(4, 10, (240, 320, 3)), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(image), noise)
+    true = true_trajectory(settings, np.random.default_rng(1))
+    sequence = open_sequence(folder)
+    part = track_part(sequence, Depth(), Tracking(), 0, N - 1)
+    linked = np.isin(np.arange(N), range(11, 30))
+    assert (part.status[dark] == KEYFRAME).sum() <= 4
+    assert part.by_surface[linked].all() and (part.key[linked] >= 0).all()
+    at = np.searchsorted(true.timestamps_s, sequence.stamps_s - 1e-6)
+    deg, m = errors(part, true.T_world_cam[at])
+    assert deg.max() < 0.3 and m.max() < 0.01

@@ -76,6 +76,11 @@ def test_exchanged_images_of_a_recording(frames, truth):
     assert note.text.startswith("2 pairs") and "(the first: 10 and 11)" in note.text
     assert note.kind == NoteKind.CONTRADICTED  # 4 of 40 frames
     assert not notes_on_order(tracked(frames))
+    found = tracked([frames[k] for k in (*range(10), 11, 10, *range(12, N))])
+    (note,) = notes_on_order(found)
+    assert note.text.startswith("the neighbouring frames 10 and 11 are in the wrong order")
+    by_depth = replace(found, by_surface=np.isin(np.arange(N), (10, 11)))
+    assert not notes_on_order(by_depth), "a motion by depth alone is too inaccurate to say so"
 
 
 def test_a_frozen_image_is_told(frames):
