@@ -81,7 +81,7 @@ def test_noise_is_not_followed(noise):
 def test_a_changed_exposure_is_followed(pattern, gain):
     before, after = pattern(), np.clip(gain * pattern((2.6, 1.7)).astype(float), 0, 255).astype(np.uint8)
     px = corners(before)
-    found, good = follow(before, after, px, contrasts(before, px), px, sure=True)
+    _, good = follow(before, after, px, contrasts(before, px), px, sure=True)
     assert good.mean() > 0.9
 
 
