@@ -118,6 +118,8 @@ class EdgeTable:
     def concatenated(tables: Sequence[EdgeTable]) -> EdgeTable:
         """All edges of tables that share no pair, sorted by (i, j)."""
         tables = [table for table in tables if len(table)] or list(tables[:1])
+        if len(tables) == 1:
+            return tables[0]
         columns = {
             name: np.concatenate([getattr(table, name) for table in tables])
             for name in (column.name for column in fields(EdgeTable))
@@ -206,7 +208,11 @@ class EdgeTable:
     def subset(self, which: ArrayLike) -> EdgeTable:
         """The edges of a mask (m,) or of ascending row numbers."""
         rows = np.arange(len(self))[np.asarray(which)]
-        kept = np.isin(np.repeat(np.arange(len(self)), self.match_count), rows)
+        if len(rows) == len(self):
+            return self
+        chosen = np.zeros(len(self), bool)
+        chosen[rows] = True
+        kept = np.repeat(chosen, self.match_count)
         columns = {name: column[rows] for name, column in self.arrays().items() if name not in RAGGED}
         start = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.match_count[rows])])
         return replace(self, **columns, start=start, matches=self.matches[kept], inliers=self.inliers[kept])

@@ -139,7 +139,7 @@ def _at_rest(
 ) -> tuple[Settled, Tracks]:
     """The piece at rest with its `new` keyframes (K,), and its tracks, from poses T (K, 4, 4) nearby.
 
-    As long as matches may change, the keyframes that are matched again are brought nearly to rest, and those that share
+    As long as matches may change, keyframes that are matched again are brought nearly to rest, and those that share
     points with them; then all to rest.
     """
     T_matched, again, far = T, new, new
@@ -158,7 +158,7 @@ def _at_rest(
         again = again | far
         tracks = _tracks(known, T, inside, again, scans, settings, run)
         seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-        T = adjusted(again | (shared_tracks(seen, again) >= MIN_SHARED), NEARLY_AT_REST).T_world_cam
+        T = adjusted(far | (shared_tracks(seen, far) >= MIN_SHARED), NEARLY_AT_REST).T_world_cam
         far = moved_far()
         if not far.any():
             found = adjusted(inside, AT_REST)
