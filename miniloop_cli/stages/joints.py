@@ -151,7 +151,7 @@ def _moved(scene_map: SceneMap, body: Ints, other: Elsewhere, edges: EdgeTable) 
     these, rest = (" and ".join(_named(scene_map, body, ends[side])) for side in sides)
     return (
         f"{these} would fit elsewhere to {rest} nearly as well, {other.angle_deg:.0f} deg and {other.distance_m:.2f} m "
-        f"away: {other.inliers} matches of {other.pairs} pairs agree with that, {other.inliers_here} of "
+        f"away: {other.matches_there} agree with that, {other.inliers_here} of "
         f"{other.pairs_here} with where it is"
     )
 

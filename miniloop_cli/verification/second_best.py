@@ -47,6 +47,11 @@ class Elsewhere:
     pairs_here: int
     inliers_here: int
 
+    @property
+    def matches_there(self) -> str:
+        """The evidence for the other place in words."""
+        return f"{self.inliers} matches of {self.pairs} pair{'s' if self.pairs > 1 else ''}"
+
     def sentence(self, frames: Ints) -> str:
         """The doubt in words; `frames` (n,): the frame number of each scan."""
         named = frames[self.scans]
@@ -55,7 +60,7 @@ class Elsewhere:
         )
         return (
             f"{many} elsewhere nearly as well, {self.angle_deg:.0f} deg and {self.distance_m:.2f} m away: "
-            f"{self.inliers} matches of {self.pairs} pairs agree with that place, {self.inliers_here} of "
+            f"{self.matches_there} agree with that place, {self.inliers_here} of "
             f"{self.pairs_here} with the present one"
         )
 
