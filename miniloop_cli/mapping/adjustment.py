@@ -226,3 +226,14 @@ def added_uncertainty(T_world_cam: Floats, given: Floats, T_world_given: Floats)
     """
     seen = se3.adjoint(se3.inverse(T_world_cam) @ T_world_given)
     return seen @ given @ np.swapaxes(seen, 1, 2)
+
+
+def moved_uncertainty(T_before: Floats, T_after: Floats) -> Floats:
+    """(k, 6, 6) what the covariances of keyframes grow by if new evidence moves them from (k, 4, 4) to (k, 4, 4).
+
+    The squares of the motion (w, v) in the camera's frame: whatever the covariances were, it is within one standard
+    deviation of them then.
+    """
+    step = se3.inverse(T_before) @ T_after
+    motion = np.concatenate([se3.log_so3(step[:, :3, :3]), step[:, :3, 3]], axis=1)
+    return np.asarray(motion[:, :, None] * motion[:, None, :], float)

@@ -20,6 +20,7 @@ from miniloop_cli.mapping.adjustment import (
     adjusted_locally,
     covariance_beside_the_map,
     most_certain,
+    moved_uncertainty,
     settled,
     shared_tracks,
 )
@@ -97,6 +98,7 @@ def _extended(
     own = covariance_beside_the_map(found, new, scans, settings.bundle, run.workers.threads)
     covariance[new] = own + added_uncertainty(T[new], covariance[base], T[base])
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
+    covariance[~new] += moved_uncertainty(old.T_world_cam, T[~new])
     piece = by_size(np.append(old.piece, placed.piece), of_part)
     between = EdgeTable.concatenated([old.edges, placed.edges])
     known = landmarks(scans.points, T, tracks)

@@ -18,6 +18,7 @@ from miniloop_cli.mapping.adjustment import (
     adjusted_until_rest,
     covariance_beside_the_map,
     known_points,
+    moved_uncertainty,
     settled,
 )
 from miniloop_cli.mapping.landmarks import landmarks
@@ -182,3 +183,16 @@ def test_uncertainty_of_a_neighbour_is_carried_to_a_new_keyframe(rng):
     xi = np.concatenate([se3.log_so3(E[:, :3, :3]), E[:, :3, 3]], axis=1)
     promised = added_uncertainty(B[None], C, A)[0]
     assert np.allclose(np.cov(xi.T), promised, atol=0.05 * np.abs(promised).max())
+
+
+def test_a_keyframe_is_as_uncertain_as_new_evidence_moves_it(rng):
+    before = se3.pose(se3.exp_so3(rng.standard_normal((5, 3))), rng.standard_normal((5, 3)))
+    motion = rng.standard_normal((5, 6)) * [0.01, 0.01, 0.01, 0.05, 0.05, 0.05]
+    after = before @ se3.pose(se3.exp_so3(motion[:, :3]), motion[:, 3:])
+    A = 0.01 * rng.standard_normal((5, 6, 6))
+    covariance = A @ A.transpose(0, 2, 1) + 1e-8 * np.eye(6)
+    grown = covariance + moved_uncertainty(before, after)
+    sigmas2 = np.einsum("ki,kij,kj->k", motion, np.linalg.inv(grown), motion)
+    assert (sigmas2 < 1).all()
+    assert moved_uncertainty(before, before).max() < 1e-25
+    np.testing.assert_allclose(np.trace(grown - covariance, axis1=1, axis2=2), (motion**2).sum(axis=1), rtol=1e-6)
