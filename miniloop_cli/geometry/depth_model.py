@@ -55,11 +55,14 @@ class DepthModel:
     def of_image(self, depth_m: Floats32) -> Floats32:
         """The corrected depth image (h, w), m, 0 = no reading. A reading that becomes negative is set to 0."""
         height, width = depth_m.shape
-        v, u = np.mgrid[0:height, 0:width]
-        px = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-        z_m = depth_m.ravel().astype(float)
-        found = np.where(z_m > 0, np.maximum(self.corrected(z_m, rho(px, width, height)), 0.0), 0.0)
-        return found.reshape(depth_m.shape).astype(np.float32)
+        x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
+        edge = (x**2 + y[:, None] ** 2) / (x[0] ** 2 + y[0] ** 2) - MEAN_RHO
+        z_m = depth_m.astype(float)
+        # The sum of `corrected`, sorted by factors: a quarter of the time for a whole image.
+        per_m = self.bend_per_m + self.radial_bend_per_m * edge
+        factor = 1 - self.offset_m / self.middle_m + self.radial * edge + per_m * (z_m - self.middle_m)
+        found = np.where(z_m > 0, np.maximum(self.offset_m + z_m * factor, 0.0), 0.0)
+        return found.astype(np.float32)
 
 
 NAMES = tuple(field.name for field in fields(DepthModel))[:-1]

@@ -102,7 +102,7 @@ LOADING = """
     from miniloop_cli.features.match import match
     from miniloop_cli.runtime.kernels import KernelCache
     class Loaded(KernelCache):
-        def _load_overload(self, *_): print('came back', flush=True)
+        def _load_overload(self, *_): return print('came back', flush=True) or 'a kernel'
     def refresh():
         os.kill(os.getpid(), signal.SIGTERM)
         for _ in range(1000): pass
