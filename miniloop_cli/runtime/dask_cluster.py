@@ -42,8 +42,6 @@ class Cluster:
         rest of the items to the workers that exist within `replaced_s`. `function` must be importable there.
         Raises MiniloopError if the scheduler or all workers are lost, or if several workers die at one task.
         """
-        from distributed.comm.core import CommClosedError
-
         items, done, sends = list(items), 0, SENDS
         with _told_in_one_line(self.client.scheduler.address):
             while done < len(items):
@@ -51,7 +49,7 @@ class Cluster:
                     for result in self._map(function, shared, items[done:]):
                         done, sends = done + 1, SENDS
                         yield result
-                except (CommClosedError, CancelledError):
+                except (OSError, CancelledError):  # also of a connection to a worker that is just dying
                     sends -= 1
                     if not sends:
                         raise

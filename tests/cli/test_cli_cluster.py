@@ -153,7 +153,7 @@ def test_the_rest_is_sent_again_where_what_was_sent_is_lost(monkeypatch, losses)
     """A worker may leave before it is sent anything, meanwhile, or with all that the others need."""
     joblib = pytest.importorskip("joblib")
     CommClosedError = pytest.importorskip("distributed.comm", reason="needs the extra [cluster]").CommClosedError
-    ways = iter([KeyError("tcp://127.0.0.1:41279"), CommClosedError(), CancelledError(), TimeoutError()][:losses])
+    ways = iter([KeyError("tcp://127.0.0.1:41279"), OSError("refused"), CommClosedError(), CancelledError()][:losses])
     asked = []
 
     async def connect(address, timeout):
