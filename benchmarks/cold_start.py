@@ -62,7 +62,7 @@ atexit.register(write, {"kernel": None})
 def timed(command: list[str], folder: Path, records: Path) -> dict[str, float]:
     """Run miniloop in `folder`; wall seconds, and CPU seconds of all its processes."""
     path = [str(folder / "recorder"), str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    # Of Python's own compiled files there are those that the installer wrote, and more may be written.
+    # Python may write its own compiled files, as after any installation.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | {
         "PYTHONPATH": os.pathsep.join(filter(None, path)),
         "NUMBA_CACHE_DIR": str(folder / "kernels"),

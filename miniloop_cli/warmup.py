@@ -2,10 +2,10 @@
 
 Compiling all kernels takes longer than registering a short recording, and one process compiles one kernel at a time. A
 run without compiled kernels therefore starts `python -m miniloop_cli.warmup`. It runs the later stages on a few
-synthetic scans and stores the compiled kernels in numba's cache for the run. Its order avoids that both compile the
-same kernel: first those that all edges need, while the run extracts and matches features; then, while the run begins
-with 5-cycles, the next solver and the following stages. The same command prepares a fresh installation, e.g. as the
-last step of a container image.
+synthetic scans and stores the compiled kernels in numba's cache for the run. A process waits for a kernel that the
+other one is compiling (`KernelCache`); the order here makes such waits rare: first what all edges need, while the run
+extracts and matches features; then, while it begins with 5-cycles, the next solver and the following stages. The same
+command prepares a fresh installation, e.g. as the last step of a container image.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ mean over the image, so that none of them acts as such a factor.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 
@@ -49,19 +50,17 @@ class DepthModel:
         return bool((1 + np.tensordot(np.array(self.coefficients), slope, 1) > 0.1).all())
 
     def corrected(self, z_m: Floats, rho: Floats) -> Floats:
-        """Corrected readings (k,) m; `rho` (k,): see `rho`."""
-        return z_m + np.tensordot(np.array(self.coefficients), basis(z_m, rho, self.middle_m)[0], 1)
+        """Corrected readings (...) m; `rho` (...): see `rho`."""
+        # The sum over `basis`, sorted by factors, as this runs over whole images.
+        edge, off = rho - MEAN_RHO, z_m - self.middle_m
+        factor = 1 - self.offset_m / self.middle_m + self.radial * edge
+        factor += (self.bend_per_m + self.radial_bend_per_m * edge) * off
+        return self.offset_m + z_m * factor
 
     def of_image(self, depth_m: Floats32) -> Floats32:
         """The corrected depth image (h, w), m, 0 = no reading. A reading that becomes negative is set to 0."""
-        height, width = depth_m.shape
-        x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
-        edge = (x**2 + y[:, None] ** 2) / (x[0] ** 2 + y[0] ** 2) - MEAN_RHO
         z_m = depth_m.astype(float)
-        # The sum of `corrected`, sorted by factors: a quarter of the time for a whole image.
-        per_m = self.bend_per_m + self.radial_bend_per_m * edge
-        factor = 1 - self.offset_m / self.middle_m + self.radial * edge + per_m * (z_m - self.middle_m)
-        found = np.where(z_m > 0, np.maximum(self.offset_m + z_m * factor, 0.0), 0.0)
+        found = np.where(z_m > 0, np.maximum(self.corrected(z_m, _rho_of_image(*depth_m.shape)), 0.0), 0.0)
         return found.astype(np.float32)
 
 
@@ -73,6 +72,13 @@ def rho(px: Floats, width: int, height: int) -> Floats:
     """Squared distance (k,) of pixels (k, 2) from the centre of the image, 1 in its corners."""
     half = np.array([(width - 1) / 2, (height - 1) / 2])
     return ((px - half) ** 2).sum(axis=1) / (half @ half)
+
+
+@cache
+def _rho_of_image(height: int, width: int) -> Floats:
+    """`rho` (h, w) of all pixels."""
+    v, u = np.mgrid[0:height, 0:width]
+    return rho(np.stack([u.ravel(), v.ravel()], axis=1).astype(float), width, height).reshape(height, width)
 
 
 def basis(z_m: Floats, rho: Floats, middle_m: float) -> tuple[Floats, Floats]:

@@ -77,7 +77,7 @@ class _Tracker:
         self._T_cam_key = np.eye(4)
         self._step, self._step_s = np.eye(4), 0.0  # the camera's motion in the last frame, and over how many seconds
         self._stamp_s = 0.0
-        self._before: Bytes | None = None  # the image of the last frame
+        self._before: Bytes = np.zeros((0, 0), np.uint8)  # the image of the last frame
 
     def add(self, frame: TrackFrame, last: bool) -> None:
         """Link a frame to the last keyframe, or make it a keyframe; the `last` one becomes one in any case."""
@@ -157,8 +157,6 @@ class _Tracker:
     def _has_points(self, frame: TrackFrame) -> bool:
         """Whether a frame has points that can be followed; noise has corners, but no two images have the same."""
         corners = new_corners(frame.gray, NO_POINTS, 2 * FEW_POINTS, frame.scan.depth_m > 0)
-        if len(corners) < FEW_POINTS or self._before is None:
-            return len(corners) >= FEW_POINTS
         contrast = contrasts(frame.gray, corners)
         return int(follow(frame.gray, self._before, corners, contrast, corners, sure=False)[1].sum()) >= FEW_POINTS
 

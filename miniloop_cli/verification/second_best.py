@@ -50,7 +50,7 @@ class Elsewhere:
     @property
     def matches_there(self) -> str:
         """The evidence for the other place in words."""
-        return f"{self.inliers} matches of {self.pairs} pair{'s' if self.pairs > 1 else ''}"
+        return f"{self.inliers} matches of {self.pairs} pair{'s' if self.pairs != 1 else ''}"
 
     def sentence(self, frames: Ints) -> str:
         """The doubt in words; `frames` (n,): the frame number of each scan."""
