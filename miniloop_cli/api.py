@@ -120,7 +120,7 @@ def write_run(run: Registration, target: Path, workers: Workers, store: Store, p
     write_results(run, target, workers, store)
     data = load(target, run.sequence)
     write_log(run, data, problem)
-    write_report(data, store)
+    write_report(data, store, workers)
 
 
 def calibrate(

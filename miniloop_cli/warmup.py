@@ -4,8 +4,8 @@ Compiling all kernels takes longer than registering a short recording, and one p
 run without compiled kernels therefore starts `python -m miniloop_cli.warmup`. It runs the later stages on a few
 synthetic scans and stores the compiled kernels in numba's cache for the run. A process waits for a kernel that the
 other one is compiling (`KernelCache`); the order here makes such waits rare: first what all edges need, while the run
-extracts and matches features; then, while it begins with 5-cycles, the next solver and the following stages. The same
-command prepares a fresh installation, e.g. as the last step of a container image.
+extracts and matches features; then the last stages, and 4-cycles while the run solves 5-cycles. The same command
+prepares a fresh installation, e.g. as the last step of a container image.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ def compile_in_background() -> subprocess.Popen[bytes] | None:
 
 
 def warm_up() -> None:
-    """Solve a pair, refine, average, and solve cycles, on scans of a synthetic cloud of points."""
+    """Solve pairs and cycles, refine, average and compare views, on scans of a synthetic cloud of points."""
     from miniloop_cli.config import Settings
+    from miniloop_cli.features.thumbnail import COLUMNS
     from miniloop_cli.geometry import se3
     from miniloop_cli.geometry.camera import Camera
     from miniloop_cli.refinement.inputs import Scans
@@ -57,10 +58,11 @@ def warm_up() -> None:
     from miniloop_cli.scene.features import ScanFeatures
     from miniloop_cli.scene.points import scan_points
     from miniloop_cli.scene.poses import Poses
+    from miniloop_cli.scene.thumbnail import View
     from miniloop_cli.scene.verdict import Verdict
-    from miniloop_cli.solvers import load
     from miniloop_cli.stages.solve_edges import solve_cycles
     from miniloop_cli.verification.consensus import average_verified
+    from miniloop_cli.verification.photometric import BLOCK, compare_views
 
     rng, settings, workers = np.random.default_rng(0), Settings(), Workers(1)
     camera = Camera(500.0, 500.0, 319.5, 239.5, 640, 480)
@@ -89,12 +91,12 @@ def warm_up() -> None:
         solve_cycles(ring, points, settings.estimation, 0, workers)
 
     solve(2)
-    cycle4 = load("cycle4")
-    sample = cloud[None, : sum(cycle4.matches)]
-    cycle4.solve_batch(sample, sample)
     refine_jointly(Poses(T_world_cam, np.zeros(SCANS, int)), edges, scans, settings.refine, settings.bundle, workers)
     average_verified(edges, SCANS, settings.averaging)
-    for count in (3, 4, 5):
+    solve(4)
+    view = View(*np.ones((4, BLOCK, COLUMNS), np.float32))
+    compare_views([(view, view)], np.eye(4)[None], camera)
+    for count in (3, 5):
         solve(count)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from miniloop_cli.report import sections
 from miniloop_cli.report.assessment import assess
@@ -12,10 +15,13 @@ from miniloop_cli.report.viewer.embedded import embedded
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.atomic_files import atomic_write
+from miniloop_cli.runtime.parallel import Workers
 from miniloop_cli.version import __version__
 
+ONE = Workers(1)
 
-def write_report(data: ReportData, store: Store) -> Path:
+
+def write_report(data: ReportData, store: Store, workers: Workers = ONE) -> Path:
     """Write `report.html` into the results folder that `data` was read from, and return its path.
 
     A sequence in `data` adds images of the frames and, if there is one, the ground truth. Sections of missing files are
@@ -24,6 +30,19 @@ def write_report(data: ReportData, store: Store) -> Path:
     """
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)
+    # Those that read images first: they take longest.
+    parts: dict[str, Callable[[], Any]] = {
+        "view": partial(embedded, data, evaluation, store),
+        "worst_edges": partial(sections.worst_edges, data, store),
+        "model": partial(sections.model, data, trajectory, store),
+        "trajectory": partial(sections.trajectory, data, trajectory, evaluation),
+        "overlap": partial(sections.overlap, data),
+        "edges": partial(sections.edges, data),
+        "frames": partial(sections.frames, data),
+        "run": partial(sections.run, data),
+        "assessment": partial(assess, data, evaluation),
+    }
+    made = workers.map(lambda part: part(), parts.values(), "writing the report", len(parts))
     page = render(
         "page.html",
         name=data.name,
@@ -31,15 +50,7 @@ def write_report(data: ReportData, store: Store) -> Path:
         style=asset("page.css") + asset("viewer/assets/viewer.css"),
         script=asset("page.js"),
         viewer=asset("viewer/assets/viewer.js"),
-        assessment=assess(data, evaluation),
-        view=embedded(data, evaluation, store),
-        trajectory=sections.trajectory(data, trajectory, evaluation),
-        model=sections.model(data, trajectory, store),
-        overlap=sections.overlap(data),
-        edges=sections.edges(data),
-        worst_edges=sections.worst_edges(data, store),
-        frames=sections.frames(data),
-        run=sections.run(data),
+        **dict(zip(parts, made, strict=True)),
     )
     path = data.results.root / "report.html"
     with atomic_write(path) as file:

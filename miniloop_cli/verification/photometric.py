@@ -44,8 +44,7 @@ def _compare(
 
     A cell in front of the surface that j saw counts against, as j saw through it. A cell behind it does not count, nor
     does a cell whose back j sees, as walls have two sides. Cells that coincide with a surface of j are compared block
-    by
-    block: they count for if brightness correlates, against if it does not, and not at all if the block is plain in
+    by block: they count for if brightness correlates, against if it does not, and not at all if the block is plain in
     either view.
     """
     rows, columns = gray_i.shape
