@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import difflib
 import logging
+import sys
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 from miniloop_cli.datasets.layout import Layout
 from miniloop_cli.errors import InputError
@@ -48,12 +51,19 @@ def known_layouts() -> dict[str, EntryPoint]:
     cannot have the name of another layout.
     """
     plugins: dict[str, EntryPoint] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+    folders = (Path(folder) for folder in sys.path)
+    for entry in _installed(tuple((folder, folder.stat().st_mtime_ns) for folder in folders if folder.exists())):
         if entry.name in plugins or entry.name in BUILT_IN:
             LOG.warning("%s is left out: there is another layout of this name", _called(entry))
         else:
             plugins[entry.name] = entry
     return plugins | BUILT_IN
+
+
+@cache
+def _installed(folders: tuple[tuple[Path, int], ...]) -> list[EntryPoint]:
+    """Plug-ins by name; `folders`: where packages lie, and when one was last installed or removed there."""
+    return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
 
 
 def find_layout(name: str) -> Layout:
