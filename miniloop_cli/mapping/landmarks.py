@@ -50,11 +50,10 @@ def fused(points: Floats, information: Floats, group: Ints, count: int) -> tuple
 
     group (k,): numbers below `count`; others are left out. A group without points has its mean at 0.
     """
-    total: Floats = np.zeros((count + 1, 3, 3))
-    weighted: Floats = np.zeros((count + 1, 3))
-    group = np.minimum(group, count)
-    np.add.at(total, group, information)
-    np.add.at(weighted, group, np.einsum("kij,kj->ki", information, points))
+    weighted = np.einsum("kij,kj->ki", information, points)
+    columns = np.concatenate([information.reshape(-1, 9), weighted], axis=1).T
+    sums = np.stack([np.bincount(group, column, count)[:count] for column in columns], axis=1)
+    total, weighted = sums[:, :9].reshape(-1, 3, 3), sums[:, 9:]
     total[~total.any(axis=(1, 2))] = np.eye(3)
-    covariance = np.asarray(np.linalg.inv(total[:count]), float)
-    return np.einsum("kij,kj->ki", covariance, weighted[:count]), covariance
+    covariance = np.asarray(np.linalg.inv(total), float)
+    return np.einsum("kij,kj->ki", covariance, weighted), covariance

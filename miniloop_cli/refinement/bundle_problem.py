@@ -17,6 +17,7 @@ from miniloop_cli.refinement.pose_equations import add_pose_terms, pose_cost, te
 from miniloop_cli.refinement.schur import reduce_tracks, step_tracks
 from miniloop_cli.refinement.terms import PointTerm, PoseTerm
 from miniloop_cli.refinement.track_rows import TrackRows, camera_points
+from miniloop_cli.runtime.blocks import Blocks
 from miniloop_cli.scene.view_graph import components
 from miniloop_cli.typing import Bools, Floats, Ints
 
@@ -171,7 +172,8 @@ class Bundle:
     def at(self, R: Floats, t: Floats, X: Floats) -> State:
         """The state of these poses and points."""
         p_cam = camera_points(self.tracks, R, t, X)
-        seen, cost = point_equations(self.point_terms, p_cam, self._least_curvature)
+        with Blocks(self.jobs) as blocks:
+            seen, cost = point_equations(self.point_terms, p_cam, self._least_curvature, blocks)
         return State(R, t, X, seen, cost + pose_cost(self.pose_terms, pose(R, t + self.origin)))
 
     def moved(self, seen: PointEquations, step: Floats, L: Floats) -> State:

@@ -20,7 +20,7 @@ class DepthTerm:
     sigma_m: Floats
     robust: Robust
 
-    def of(self, rows: Ints) -> Self:
+    def of(self, rows: Ints | slice) -> Self:
         return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows])
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:

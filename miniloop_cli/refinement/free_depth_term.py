@@ -35,7 +35,7 @@ class FreeDepthTerm:
     robust: Robust
     change: ReadingChange | None = None
 
-    def of(self, rows: Ints) -> Self:
+    def of(self, rows: Ints | slice) -> Self:
         change = self.change and self.change.subset(rows)
         return replace(self, z_m=self.z_m[rows], sigma_m=self.sigma_m[rows], rho=self.rho[rows], change=change)
 

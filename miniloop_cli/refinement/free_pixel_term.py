@@ -22,7 +22,7 @@ class FreePixelTerm:
     sigma_px: float
     robust: Robust
 
-    def of(self, rows: Ints) -> Self:
+    def of(self, rows: Ints | slice) -> Self:
         return replace(self, px=np.ascontiguousarray(self.px[:, rows]))
 
     def at(self, parameters: CameraParameters) -> Self:

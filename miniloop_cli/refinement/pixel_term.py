@@ -22,7 +22,7 @@ class PixelTerm:
     sigma_px: float
     robust: Robust
 
-    def of(self, rows: Ints) -> Self:
+    def of(self, rows: Ints | slice) -> Self:
         return replace(self, px_ideal=np.ascontiguousarray(self.px_ideal[:, rows]))
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from miniloop_cli.refinement.robust import weight_and_curvature
 from miniloop_cli.refinement.terms import NEAR_M, PointTerm
+from miniloop_cli.runtime.blocks import BLOCK, ONE_THREAD, Blocks
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats, Ints
 
@@ -38,8 +39,18 @@ class PointEquations(NamedTuple):
             self.gradient[rows], self.hessian[rows] = gradient, hessian
 
 
+class _Weighted(NamedTuple):
+    """A block of rows of a term: residuals (d, k), derivatives (d, 3, k), weights (k,) of its kernel; two sums."""
+
+    residual: Floats
+    jacobian: Floats
+    weight: Floats
+    curvature: float
+    cost: float
+
+
 def point_equations(
-    terms: Sequence[PointTerm], p_cam: Floats, least_curvature: float = LEAST_CURVATURE
+    terms: Sequence[PointTerm], p_cam: Floats, least_curvature: float = LEAST_CURVATURE, blocks: Blocks = ONE_THREAD
 ) -> tuple[PointEquations, float]:
     """The equations of all terms at the points p_cam (3, k), and the cost.
 
@@ -48,18 +59,31 @@ def point_equations(
     """
     rows = p_cam.shape[1]
     gradient, hessian, cost = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), 0.0
-    ahead = p_cam[2] >= NEAR_M
     for term in terms:
-        residual, jacobian = (np.ascontiguousarray(found) for found in term.linearise(p_cam))
-        s = (residual**2).sum(axis=0)
-        measured = np.isfinite(s)
-        cost += 0.5 * float(term.robust.cost(s[measured]).sum())
-        weight, curvature = weight_and_curvature(term.robust.kernel, s, term.robust.scale, len(residual))
-        counts = measured & ahead
-        weight = np.where(counts, weight, 0.0)
-        share = max(curvature[counts].sum() / max(weight.sum(), 1e-12), least_curvature)
-        _add_products(residual, jacobian, weight, share, gradient, hessian)
+        parts = blocks.map(_weighted, rows, term, p_cam)
+        cost += sum(part.cost for part in parts)
+        weights = sum(float(part.weight.sum()) for part in parts)
+        share = max(sum(part.curvature for part in parts) / max(weights, 1e-12), least_curvature)
+        blocks.map(_add, rows, parts, share, gradient, hessian)
     return PointEquations(p_cam, gradient, hessian), cost
+
+
+def _weighted(low: int, high: int, term: PointTerm, p_cam: Floats) -> _Weighted:
+    """Rows low..high - 1 of a term at the points p_cam (3, k)."""
+    p_cam = p_cam[:, low:high]
+    residual, jacobian = (np.ascontiguousarray(found) for found in term.of(slice(low, high)).linearise(p_cam))
+    s = (residual**2).sum(axis=0)
+    measured = np.isfinite(s)
+    weight, curvature = weight_and_curvature(term.robust.kernel, s, term.robust.scale, len(residual))
+    counts = measured & (p_cam[2] >= NEAR_M)
+    cost = 0.5 * float(term.robust.cost(s[measured]).sum())
+    return _Weighted(residual, jacobian, np.where(counts, weight, 0.0), float(curvature[counts].sum()), cost)
+
+
+def _add(low: int, high: int, parts: list[_Weighted], share: float, gradient: Floats, hessian: Floats) -> None:
+    """Add the products of rows low..high - 1 to gradient (k, 3) and hessian (k, 3, 3)."""
+    part = parts[low // BLOCK]
+    _add_products(part.residual, part.jacobian, part.weight, share, gradient[low:high], hessian[low:high])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

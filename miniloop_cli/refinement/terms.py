@@ -27,8 +27,8 @@ class PointTerm(Protocol):
         """The kernel on the norm of a row's residuals."""
         ...
 
-    def of(self, rows: Ints) -> Self:
-        """The term of the observations of rows (m,), in this order."""
+    def of(self, rows: Ints | slice) -> Self:
+        """The term of the observations of rows (m,), in this order, or of a range of them."""
         ...
 
     def linearise(self, p_cam: Floats) -> tuple[Floats, Floats]:

@@ -28,8 +28,8 @@ class ReadingChange(NamedTuple):
         """(k,) m, to first order."""
         return np.asarray((theta - self.theta) @ self.by_theta, float)
 
-    def subset(self, rows: Ints | Bools) -> ReadingChange:
-        """Those of the rows (indices or a mask)."""
+    def subset(self, rows: Ints | Bools | slice) -> ReadingChange:
+        """Those of the rows (indices, a mask or a range)."""
         return ReadingChange(self.theta, self.by_theta[:, rows])
 
 
