@@ -103,10 +103,13 @@ def bundle_adjust(
     if np.any((np.diff(frame[order]) == 0) & (np.diff(track[order]) == 0)):
         raise ValueError("a track sees the same frame twice")
     n_tracks = int(track.max(initial=-1)) + 1
-    X, good = initial_points(R, t, frame[order], track[order], n_tracks, px[order], z[order], camera)
+    given = np.full((n_tracks, 3), np.nan)
     if points_world is not None:
-        known = np.flatnonzero(np.isfinite(points_world[:n_tracks]).all(axis=1))
-        X[known], good[known] = points_world[known] - origin, True
+        given[: len(points_world)] = points_world[:n_tracks] - origin
+    known = np.isfinite(given).all(axis=1)
+    rest = order[~known[track[order]]]
+    X, good = initial_points(R, t, frame[rest], track[rest], n_tracks, px[rest], z[rest], camera)
+    X[known], good = given[known], good | known
     order = order[good[track[order]]]
     tracks = TrackRows(np.searchsorted(track[order], np.arange(n_tracks + 1)), frame[order].astype(np.uint32))
     terms: list[PointTerm] = [*_measured_terms(px, z, camera, settings), *point_terms]
