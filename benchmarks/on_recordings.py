@@ -180,14 +180,15 @@ RECALL = Benchmark(
 
 WHOLE = Benchmark(
     "whole",
-    "Whole recordings, beside ORB-SLAM3.",
+    "Whole recordings, beside other systems.",
     """Every frame of a recording: poses, errors against ground truth, what it took.
 
     SEQ: recordings with ground truth. ATE over all poses, after SE(3) alignment on positions; frame deg and cm: mean
     relative errors of frames that follow each other in the recording; ground truth is the nearest sample within
     20 ms. Seconds and memory are those of the whole process and of all that it starts, from image files to
     trajectory. ORB-SLAM3 runs in its RGB-D mode, with the recording's camera and a vocabulary learned beforehand from
-    the recording's own features.
+    the recording's own features. Open3D's reconstruction system runs with its default settings on undistorted images,
+    by the programs in examples/python/reconstruction_system of its sources.
 
     \b
     Needs:     pip install pyorbslam3
@@ -211,8 +212,13 @@ WHOLE = Benchmark(
             "--program",
             "programs",
             multiple=True,
-            type=click.Choice(["miniloop", "orbslam3", "orbslam3-waits"]),
-            help="Only this program; may be repeated [default: all].",
+            type=click.Choice(["miniloop", "orbslam3", "orbslam3-waits", "open3d"]),
+            help="Only this program; may be repeated [default: all that are there].",
+        ),
+        click.option(
+            "--open3d",
+            type=click.Path(exists=True, file_okay=False, path_type=Path),
+            help="Folder with the programs of Open3D's reconstruction system.",
         ),
         click.option(
             "--runs",

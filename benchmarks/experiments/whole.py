@@ -1,4 +1,4 @@
-"""Whole recordings: `miniloop register` as it is called, and ORB-SLAM3 on the same frames of the same folder."""
+"""Whole recordings: `miniloop register` as it is called, beside ORB-SLAM3 and Open3D's reconstruction system."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.side_by_side import measured, vocabulary
+from benchmarks.side_by_side import measured, open3d_system, vocabulary
 from benchmarks.side_by_side.orbslam3_settings import settings_text
 from benchmarks.side_by_side.run import Job, script
 from miniloop_cli.bench import Row
@@ -43,20 +44,25 @@ def whole_rows(
     sequences: Sequence[Path],
     programs: Sequence[str] = (),
     runs: Path = Path("results/whole"),
+    open3d: Path | None = None,
     seed: int = 0,
     workers: Workers | None = None,
 ) -> Iterator[Row]:
-    """One row a recording and program; `runs` keeps what each left. Programs that cannot run say why in their row."""
+    """One row a recording and program; `runs` keeps what each left. Programs that cannot run say why in their row.
+
+    `open3d`: the folder with the programs of Open3D's reconstruction system, which takes long; without, it is left out.
+    """
+    known = PROGRAMS | {"open3d": Program("Open3D's reconstruction system", partial(open3d_job, open3d))}
     for folder in sequences:
         recording, _ = open_with_truth(folder)
-        for name in programs or PROGRAMS:
+        for name in programs or [name for name in known if open3d or name != "open3d"]:
             place = runs.resolve() / folder.resolve().name / name
             place.mkdir(parents=True, exist_ok=True)
             row: Row = {"sequence": folder.resolve().name, "frames": len(recording.with_color_only()[0].frames)}
-            row |= {"program": PROGRAMS[name].name, "poses": None, "ate_cm": None, "rpe_deg": None, "rpe_cm": None}
+            row |= {"program": known[name].name, "poses": None, "ate_cm": None, "rpe_deg": None, "rpe_cm": None}
             row |= {"cpu_s": None, "wall_s": None, "peak_mb": None, "said": ""}
             try:
-                job = PROGRAMS[name].prepare(folder.resolve(), place, seed)
+                job = known[name].prepare(folder.resolve(), place, seed)
                 subprocess.run([sys.executable, measured.__file__, str(job.out), *job.command], check=True)
                 yield row | result(job, folder)
             except MiniloopError as error:
@@ -110,6 +116,16 @@ def orbslam3_job(folder: Path, place: Path, seed: int, *more: str) -> Job:
     program = str(Path(vocabulary.__file__).with_name("orbslam3_run.py"))
     command = [sys.executable, program, str(frames), str(place / "run")]
     return Job("orbslam3", place / "run", [*command, "--vocabulary", str(words), "--settings", str(settings), *more])
+
+
+def open3d_job(programs: Path | None, folder: Path, place: Path, seed: int) -> Job:
+    """Open3D's reconstruction system with its default settings, from undistorted images, which are made beforehand."""
+    if programs is None or not (programs / open3d_system.PROGRAM).is_file():
+        raise InputError(f"--open3d names no folder with {open3d_system.PROGRAM}: it is in the sources of Open3D")
+    images = place.parent / "undistorted"
+    open3d_system.write_images(open_sequence(folder), images)
+    more = ("--programs", str(programs.resolve()), "--images", str(images))
+    return Job("open3d", place / "run", script("open3d_system", folder, place / "run", *more))
 
 
 def frame_list(recording: Recording) -> str:

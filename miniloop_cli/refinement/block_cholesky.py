@@ -67,10 +67,10 @@ class BlockPattern:
         return out
 
     def diagonal_of_inverse(self, L: Floats) -> Floats:
-        """(m, 6, 6) diagonal blocks of the inverse."""
-        Z = _selected_inverse(self.start, self.row, L)
+        """(m, 6, 6) diagonal blocks of the inverse. L is overwritten: it takes hundreds of megabytes."""
+        _selected_inverse(self.start, self.row, L)
         out = np.empty((len(self.order), 6, 6))
-        out[self.order] = Z[self.start[:-1]]
+        out[self.order] = L[self.start[:-1]]
         return out
 
 
@@ -198,10 +198,9 @@ def _solve(start: Ints, row: Ints, L: Floats, x: Floats) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
-    """Blocks of the inverse at the positions of L, also transposed."""
+def _selected_inverse(start: Ints, row: Ints, Z: Floats) -> None:
+    """The blocks of L in Z become those of the inverse at the same positions, also transposed."""
     m = len(start) - 1
-    Z = np.zeros_like(L)
     slot = np.full(m, -1)
     longest = 0
     for j in range(m):
@@ -209,7 +208,7 @@ def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
     W, inverse, turned = np.empty((longest, 6, 6)), np.zeros((6, 6)), np.empty((1, 6, 6))
     for j in range(m - 1, -1, -1):
         first, last = start[j], start[j + 1]
-        D = L[first]
+        D = Z[first]
         for a in range(6):  # inverse = L_jj^-1, lower triangular
             inverse[a, a] = 1 / D[a, a]
             for b in range(a):
@@ -223,8 +222,11 @@ def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
                 for b in range(6):
                     x = 0.0
                     for k in range(b, 6):
-                        x += L[p, k, a] * inverse[k, b]
+                        x += Z[p, k, a] * inverse[k, b]
                     W[p - first, a, b] = x
+            for a in range(6):
+                for b in range(6):
+                    Z[p, a, b] = 0.0
         for p in range(first + 1, last):  # block (q, k) contributes to Z_qj and, transposed, to Z_kj
             k = row[p]
             _subtract(W, p - first, Z, start[k], Z, p)
@@ -247,4 +249,3 @@ def _selected_inverse(start: Ints, row: Ints, L: Floats) -> Floats:
                 Z[first, a, b] = x
         for p in range(first + 1, last):
             slot[row[p]] = -1
-    return Z

@@ -140,14 +140,16 @@ class Bundle:
         unknown = np.zeros(n, bool)
         unknown[lost(H, n)] = True
         H[:n][unknown] = np.eye(6)
-        diagonal, variance = np.einsum("nii->ni", H[:n]), np.zeros((n, 6))
+        inverse, own = system.marginals(H), H[:n].copy()
+        del H  # hundreds of megabytes for a long recording
+        diagonal, variance = np.einsum("nii->ni", own), np.zeros((n, 6))
 
         def without(number: int) -> tuple[Floats, Bools]:
             """The step (n, 6) of the poses without a part, and which are unknown then (n,)."""
             with self.state.seen.silent(np.flatnonzero(part == number)) as seen:
                 S, g, _ = self.reduced(self.tracks, seen, _TIE, with_held=True)
             gone = (np.einsum("nii->ni", S[:n]) < _LEAST_LEFT * diagonal).any(axis=1)
-            S[:n][gone], g[gone] = H[:n][gone], 0.0
+            S[:n][gone], g[gone] = own[gone], 0.0
             group = components(n, self.pairs[S[n:].any(axis=(1, 2))])
             return system.solve(S, -g), gone | (group != group[anchor])
 
@@ -155,7 +157,6 @@ class Bundle:
             step, missing = without(number)
             variance += left * step**2
             unknown |= missing
-        inverse = system.marginals(H)
         # Pose terms stay when a part of the image is left out: what they leave open is in the inverse, by their share.
         scale = np.where(held[:, None], 1.0, np.einsum("nii->ni", inverse))
         size = np.sqrt(np.maximum(variance / scale, self._share_of_terms(diagonal)))

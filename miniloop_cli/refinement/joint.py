@@ -142,11 +142,13 @@ def _bundle(
         poses = between.tracked.all_poses(Poses(T, poses.component))
         T, stamps_s, accelerometer = poses.T_world_cam, between.stamps_s, between.accelerometer
     known = poses.component == 0
-    followed = between and followed_measurements(between, known, scans.camera, settings.followed_per_frame)
 
     def measured(pairs: Sequence[Pair], matches: Sequence[Ints], min_frames: int) -> Measurements:
         of_scans = _measure(pairs, matches, scans, min_frames)
-        return joined(of_scans, keyframes, followed) if followed else of_scans
+        if between is None:
+            return of_scans
+        followed = followed_measurements(between, known, scans.camera, settings.followed_per_frame)
+        return joined(of_scans, keyframes, followed)
 
     tracked = measured(pairs, matches, settings.min_frames)
     terms: list[MotionTerm] = []

@@ -9,8 +9,8 @@ from contextlib import suppress
 
 KEPT_BYTES = 64 << 20  # freed memory that a process keeps for the next image
 # Constants of glibc's malloc.h, and the environment variables for the same settings.
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-OF_USERS = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
+OF_USERS = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_ARENA_MAX", "GLIBC_TUNABLES"
 
 
 def keep_freed_memory() -> bool:
@@ -23,5 +23,7 @@ def keep_freed_memory() -> bool:
         return False
     with suppress(OSError, AttributeError):  # another C library, which has no mallopt
         mallopt = ctypes.CDLL(None).mallopt
-        return all(mallopt(option, KEPT_BYTES) == 1 for option in (M_TRIM_THRESHOLD, M_MMAP_THRESHOLD))
+        # Otherwise each thread keeps freed memory of its own.
+        settings = {M_TRIM_THRESHOLD: KEPT_BYTES, M_MMAP_THRESHOLD: KEPT_BYTES, M_ARENA_MAX: 1}
+        return all(mallopt(option, value) == 1 for option, value in settings.items())
     return False
