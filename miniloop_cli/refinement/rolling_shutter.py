@@ -107,11 +107,13 @@ def adjust_moving(
         return result, timing, motion
     even = replace(rough, relative_tolerance=fine.relative_tolerance)
     plain = adjust(T, measured, moving.camera, even, jobs, pose_terms=moving.terms)
-    T, points, on_path = plain.T_world_cam, plain.points_world, moving.path_twists(plain.T_world_cam)[1].any(axis=1)
+    T, points, cost = plain.T_world_cam, plain.points_world, plain.descent.cost_after
+    del plain  # its residuals are as large as the measurements
+    on_path = moving.path_twists(T)[1].any(axis=1)
     if feel and on_path.sum() <= moving.known.sum() / 2:
         images_only = replace(moving, accelerometer=None)
         felt, _ = _undone(T, measured, images_only, ASSUMED, rough, even, jobs, True)
-        if felt.descent.cost_after < (1 - MIN_VELOCITY_GAIN) * plain.descent.cost_after:
+        if felt.descent.cost_after < (1 - MIN_VELOCITY_GAIN) * cost:
             result, motion = _undone(felt.T_world_cam, measured, moving, ASSUMED, rough, fine, jobs, True)
             return result, ASSUMED, motion
     return adjust_upright(T, measured, moving, fine, jobs, points=points), timing, None
