@@ -15,7 +15,7 @@ from benchmarks.side_by_side.orbslam3_run import tracked
 from benchmarks.side_by_side.orbslam3_settings import settings_text
 from miniloop_cli.api import simulate
 from miniloop_cli.datasets import open_sequence
-from miniloop_cli.datasets.trajectory import write_trajectory
+from miniloop_cli.datasets.trajectory import read_trajectory, write_trajectory
 from miniloop_cli.errors import InputError
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
@@ -152,3 +152,38 @@ def test_orbslam3_runs_beside(recording, tmp_path):
     assert row["said"] == "" and int(row["poses"]) >= 30 and float(row["ate_cm"]) < 3
     assert 0.5 < float(row["cpu_s"]) < 600 and float(row["peak_mb"]) > 50
     assert "ORB-SLAM3" in result.stdout and "of 60" in result.stdout
+
+
+# Stands for Open3D's program: it reads the images as that does, and leaves the poses x = 0.1 k of all frames.
+RUN_SYSTEM = """
+import json, sys
+import numpy as np
+import open3d as o3d
+settings = json.load(open(sys.argv[1]))
+camera = o3d.io.read_pinhole_camera_intrinsic(settings["path_intrinsic"])
+color = o3d.io.read_image(settings["path_dataset"] + "/image/000007.png")
+depth = o3d.io.read_image(settings["path_dataset"] + "/depth/000007.png")
+assert np.asarray(color).shape == (camera.height, camera.width, 3) and camera.intrinsic_matrix[0, 2] > 100
+z = np.asarray(depth) / settings["depth_scale"]
+assert 0.5 < np.median(z[z > 0]) < 5
+assert sys.argv[2:] == ["--make", "--register", "--refine", "--integrate"]
+import os
+os.makedirs(settings["path_dataset"] + "/scene", exist_ok=True)
+with open(settings["path_dataset"] + "/scene/trajectory.log", "w") as log:
+    for k in range(60):
+        T = np.eye(4); T[0, 3] = 0.1 * k
+        log.write(f"{k} {k} {k + 1}\\n" + "\\n".join(" ".join(map(str, row)) for row in T.tolist()) + "\\n")
+"""
+
+
+@pytest.mark.slow
+def test_open3ds_programs_get_images_and_their_poses_are_read(recording, tmp_path):
+    (row,) = whole.whole_rows([recording], ["open3d"], tmp_path / "without")
+    assert row["poses"] is None and "--open3d" in row["said"]
+    programs = tmp_path / "reconstruction_system"
+    programs.mkdir()
+    (programs / "run_system.py").write_text(RUN_SYSTEM)
+    (row,) = whole.whole_rows([recording], ["open3d"], tmp_path / "with", programs)
+    assert row["said"] == "" and row["poses"] == 60
+    left = read_trajectory(tmp_path / "with" / recording.name / "open3d" / "run.txt")
+    np.testing.assert_allclose(left.T_world_cam[:, 0, 3], 0.1 * np.arange(60), atol=1e-9)
