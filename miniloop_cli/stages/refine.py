@@ -11,6 +11,7 @@ from miniloop_cli.config import Bundle, Calibrate, Refinement
 from miniloop_cli.geometry.camera import Trust
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
 from miniloop_cli.refinement.two_cameras import TwoCameras
+from miniloop_cli.runtime.allocator import give_back_freed_memory
 from miniloop_cli.runtime.artifact_store import Arrays
 from miniloop_cli.scene.calibration import Calibration
 from miniloop_cli.scene.edge import EdgeTable
@@ -70,6 +71,7 @@ def refine(
         # A run with refined poses in the cache does not import these libraries.
         from miniloop_cli.refinement.joint import refine_jointly
 
+        give_back_freed_memory()
         found = refine_jointly(poses, inside, inputs, method, bundle, run.workers, between, calibrated)
         seen = found.landmarks
         columns = {
