@@ -16,7 +16,6 @@ import numpy as np
 
 from miniloop_cli.config import Bundle
 from miniloop_cli.geometry import se3
-from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings, bundle_adjust
 from miniloop_cli.refinement.joint import MIN_SHARED, SHARP, six_digits, untied
 from miniloop_cli.refinement.motion_term import MotionTerm
@@ -163,6 +162,7 @@ class Settled(NamedTuple):
 
 def settled(
     T_world_cam: Floats,
+    points: Floats,
     tracks: Tracks,
     edges: EdgeTable,
     inside: Bools,
@@ -176,14 +176,13 @@ def settled(
     """Keyframes `inside` a piece (K,), adjusted until they rest. Edges hold those that few points tie to the others.
 
     Keyframes that neither ties, `fixed`, and those that are not `active` (K,), keep their poses; None: all are active.
-    T_world_cam (K, 4, 4): where they start.
+    T_world_cam (K, 4, 4), points (tracks, 3): where they start; points are NaN where unknown.
     """
     seen = Observations.of(tracks, scans, settings.min_frames)
     seen = seen.subset(inside[seen.frame])
     terms = seen.terms_of_loose(inside, edges)
     apart = untied(seen.track, seen.frame, inside, terms)
     seen = seen.subset(~np.isin(seen.frame, apart))
-    points = known_points(landmarks(scans.points, T_world_cam, tracks), tracks, scans.first_feature)
     active = inside if active is None else active & inside
     found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, rest)
     return Settled(*found, seen, terms)

@@ -19,6 +19,7 @@ from miniloop_cli.mapping.adjustment import (
     added_uncertainty,
     adjusted_locally,
     covariance_beside_the_map,
+    known_points,
     most_certain,
     moved_uncertainty,
     settled,
@@ -144,10 +145,10 @@ def _at_rest(
     As long as matches may change, keyframes that are matched again are brought nearly to rest, and those that share
     points with them; then all to rest.
     """
-    T_matched, again, far = T, new, new
+    T_matched, again, far, jobs = T, new, new, run.workers.threads
 
-    def adjusted(active: Bools, rest: Rest) -> Settled:
-        return settled(T, tracks, edges, inside, fixed, scans, settings.bundle, run.workers.threads, active, rest)
+    def adjusted(points: Floats, active: Bools, rest: Rest) -> Settled:
+        return settled(T, points, tracks, edges, inside, fixed, scans, settings.bundle, jobs, active, rest)
 
     def moved_far() -> Bools:
         angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_matched) @ T)
@@ -158,20 +159,22 @@ def _at_rest(
 
     while far.any():
         again = again | far
-        tracks = _tracks(known, T, inside, again, scans, settings, run)
+        tracks, points = _tracks(known, T, inside, again, scans, settings, run)
         seen = Observations.of(tracks, scans, settings.bundle.min_frames)
-        T = adjusted(far | (shared_tracks(seen, far) >= MIN_SHARED), NEARLY_AT_REST).T_world_cam
-        far = moved_far()
+        found = adjusted(points, far | (shared_tracks(seen, far) >= MIN_SHARED), NEARLY_AT_REST)
+        T, far = found.T_world_cam, moved_far()
         if not far.any():
-            found = adjusted(inside, AT_REST)
+            found = adjusted(found.points, inside, AT_REST)
             T, far = found.T_world_cam, moved_far()
     return found, tracks
 
 
 def _tracks(
     known: MapPoints, T: Floats, inside: Bools, again: Bools, scans: ScanSet, settings: Settings, run: Run
-) -> Tracks:
+) -> tuple[Tracks, Floats]:
     """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,).
+
+    Also their points (tracks, 3), NaN where unknown.
 
     Some matches near the predicted positions are false. A few per cent of them bend a large map by centimetres, so
     those that contradict the points at the poses T (K, 4, 4) are left out.
@@ -181,7 +184,9 @@ def _tracks(
     matches = matched_again(T, near, scans, settings.bundle, run.workers)
     rest = without_keyframes(known, again, scans.first_feature)
     tracks = extended_tracks(rest, scans.first_feature, np.array(near, np.int64).reshape(-1, 2), matches)
-    return agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+    seen = landmarks(scans.points, T, tracks)
+    tracks = agreeing(tracks, seen, scans.first_feature)
+    return tracks, known_points(seen, tracks, scans.first_feature)
 
 
 def _inliers(edges: EdgeTable) -> list[Ints]:

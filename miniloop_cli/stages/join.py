@@ -8,7 +8,7 @@ import numpy as np
 
 from miniloop_cli.averaging.optimum import prove_optimum
 from miniloop_cli.config import Settings
-from miniloop_cli.mapping.adjustment import most_certain, settled
+from miniloop_cli.mapping.adjustment import known_points, most_certain, settled
 from miniloop_cli.mapping.alone import matches_of_edges
 from miniloop_cli.mapping.landmarks import landmarks
 from miniloop_cli.mapping.pieces import as_one_table, in_the_first_world, pieces_of, whole_recordings
@@ -60,14 +60,17 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
     tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
-    tracks = agreeing(tracks, landmarks(scans.points, T, tracks), scans.first_feature)
+    seen = landmarks(scans.points, T, tracks)
+    tracks = agreeing(tracks, seen, scans.first_feature)
+    points = known_points(seen, tracks, scans.first_feature)
     usable = edges.subset(edges.verified)
     for together in np.flatnonzero(np.bincount(piece) > 1):
         inside = piece[of_part] == together
         if settings.refine == "bundle":
             # The refinement stops where a step gains little. What is added later must find the map at rest.
             fixed = most_certain(covariance, inside)
-            T = settled(T, tracks, usable, inside, fixed, scans, settings.bundle, run.workers.threads).T_world_cam
+            jobs = run.workers.threads
+            T = settled(T, points, tracks, usable, inside, fixed, scans, settings.bundle, jobs).T_world_cam
         T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     seen = landmarks(scans.points, T, tracks)
     return SceneMap(

@@ -42,6 +42,11 @@ def seven():
     return part.T_world_key, points, scans, first, extended_tracks(points, first, np.array(pairs), [SAME] * len(pairs))
 
 
+def points_of(tracks, T, scans):
+    """(tracks, 3) fused observations of the tracks at poses T."""
+    return known_points(landmarks(scans.points, T, tracks), tracks, scans.first_feature)
+
+
 def test_points_become_the_matches_that_they_were_made_of():
     points = small_map().joined.landmarks
     pairs, matches = matches_of_points(points, 120 * np.arange(5))
@@ -99,7 +104,8 @@ def test_a_keyframe_that_an_edge_alone_holds_is_as_uncertain_as_the_edge(rng):
     edge = replace(
         small_part().edges.subset([0]), i=np.array([5]), j=np.array([6]), T_j_i=(se3.inverse(T[6]) @ T[5])[None]
     )
-    found = settled(T, replace(tracks, **kept), edge, np.ones(7, bool), 0, scans, Bundle(), 1)
+    fewer = replace(tracks, **kept)
+    found = settled(T, points_of(fewer, T, scans), fewer, edge, np.ones(7, bool), 0, scans, Bundle(), 1)
     C = covariance_beside_the_map(found, np.arange(7) == 6, scans, Bundle(), 1)[0]
     ratio = np.trace(C) / np.trace(np.linalg.inv(edge.information[0]))
     assert 0.3 < ratio < 3
@@ -110,7 +116,19 @@ def test_keyframes_that_are_not_active_keep_their_poses(rng):
     off = T.copy()
     off[[2, 5]] = T[[2, 5]] @ np.array([some_pose(rng, 0.003, 0.003) for _ in range(2)])
     inside, active = np.ones(7, bool), np.arange(7) >= 4
-    found = settled(off, tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1, active, NEARLY_AT_REST)
+    found = settled(
+        off,
+        points_of(tracks, off, scans),
+        tracks,
+        EdgeTable.of([]),
+        inside,
+        0,
+        scans,
+        Bundle(),
+        1,
+        active,
+        NEARLY_AT_REST,
+    )
     assert np.abs(found.T_world_cam[~active] - off[~active]).max() < 1e-9
     error_m = np.linalg.norm(found.T_world_cam[5, :3, 3] - T[5, :3, 3])
     assert error_m < np.linalg.norm(off[5, :3, 3] - T[5, :3, 3]), "held keyframes pull the active ones"
@@ -143,11 +161,11 @@ def test_a_keyframe_that_few_points_tie_is_held_by_its_edges(rng):
     edge = replace(
         small_part().edges.subset([0]), i=np.array([5]), j=np.array([6]), T_j_i=(se3.inverse(T[6]) @ T[5])[None]
     )
-    found = settled(off, tracks, edge, inside, 0, scans, Bundle(), 1)
+    found = settled(off, points_of(tracks, off, scans), tracks, edge, inside, 0, scans, Bundle(), 1)
     assert np.abs(found.T_world_cam - T).max() < 1e-4
     C = covariance_beside_the_map(found, np.arange(7) >= 4, scans, Bundle(), 1)
     assert np.isfinite(C).all() and np.trace(C[2]) > 100 * np.trace(C[1]), "its points are exact, but the edge is not"
-    alone = settled(off, tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1)
+    alone = settled(off, points_of(tracks, off, scans), tracks, EdgeTable.of([]), inside, 0, scans, Bundle(), 1)
     assert np.abs(alone.T_world_cam[6] - off[6]).max() < 1e-8, "nothing tells where it is"
     assert not (alone.seen.frame == 6).any()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +19,30 @@ def drawn_matches(data: ReportData, rows: Ints) -> tuple[Ints, bytes]:
     """Number of drawn matches of each of these edges (m,), and all of them packed by `pack_matches`."""
     most = int(np.clip(MOST_MATCHES // max(len(rows), 1), LEAST_OF_EDGE, MOST_OF_EDGE))
     parts = [_of_edge(data, int(k), most) for k in rows]
-    counts = np.array([len(px) for px, _ in parts], np.int64)
-    px = np.concatenate([np.zeros((0, 4), np.uint16), *(px for px, _ in parts)])
-    return counts, pack_matches(px, np.concatenate([np.zeros(0, bool), *(agrees for _, agrees in parts)]))
+    counts = np.array([len(agrees) for _, _, agrees in parts], np.int64)
+    nothing = np.zeros((0, 2))
+    ends = [np.concatenate([nothing, *(part[side] for part in parts)]) for side in (0, 1)]
+    px = np.rint(np.clip(np.nan_to_num(np.concatenate(ends, axis=1)), 0, 65535)).astype(np.uint16)
+    return counts, pack_matches(px, np.concatenate([np.zeros(0, bool), *(agrees for _, _, agrees in parts)]))
 
 
-def _of_edge(data: ReportData, k: int, most: int) -> tuple[NDArray[np.uint16], Bools]:
-    """(c, 4) whole pixels u_i v_i u_j v_j, and (c,) whether they are inliers, of at most `most` matches."""
+def _of_edge(data: ReportData, k: int, most: int) -> tuple[Floats, Floats, Bools]:
+    """Pixels (c, 2) in i and in j, and (c,) whether they are inliers, of at most `most` matches."""
     if k in data.rejected_px:
         px_i, px_j, agrees = data.rejected_px[k]
-    elif k in data.inlier_px:
-        px_i, px_j = data.inlier_px[k]
-        agrees = np.ones(len(px_i), bool)
-    else:
-        return np.zeros((0, 4), np.uint16), np.zeros(0, bool)
-    count = min(most, len(px_i))
-    rows = np.linspace(0, max(len(px_i) - 1, 0), count).round().astype(np.int64)
-    ends: Floats = np.concatenate([px_i[rows], px_j[rows]], axis=1)
-    return np.rint(np.clip(np.nan_to_num(ends), 0, 65535)).astype(np.uint16), agrees[rows]
+        rows = _spread(len(px_i), most)
+        return px_i[rows], px_j[rows], agrees[rows]
+    if k not in data.inlier_px:
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool)
+    px_i, px_j = data.inlier_px[k]
+    rows = _spread(len(px_i), most)
+    return px_i[rows], px_j[rows], np.ones(len(rows), bool)
+
+
+@cache
+def _spread(count: int, most: int) -> Ints:
+    """Rows of `count`: all, or `most` evenly spaced ones."""
+    return np.linspace(0, max(count - 1, 0), min(most, count)).round().astype(np.int64)
 
 
 def pack_matches(px: NDArray[np.uint16], agrees: Bools) -> bytes:
