@@ -67,8 +67,7 @@ class VoxelCloud:
         return means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8)
 
     def _join_last(self) -> None:
-        (keys_a, sums_a), (keys_b, sums_b) = self._parts[-2:]
-        self._parts[-2:] = [merge(np.concatenate([keys_a, keys_b]), np.concatenate([sums_a, sums_b]))]
+        self._parts[-2:] = [joined(*self._parts[-2:])]
 
     def _coarsen(self) -> None:
         while len(self._parts) > 1:
@@ -94,6 +93,15 @@ def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
     unique, rows = np.unique(keys, return_inverse=True)
     columns = [np.bincount(rows, sums[:, c], len(unique)) for c in range(sums.shape[1])]
     return unique, np.stack(columns, axis=1)
+
+
+def joined(a: tuple[Keys, Sums], b: tuple[Keys, Sums]) -> tuple[Keys, Sums]:
+    """`merge` of the results of two merges, faster, as their keys are sorted already."""
+    keys, sums = (np.concatenate(both) for both in zip(a, b, strict=True))
+    order = np.argsort(keys, kind="stable")  # which merges sorted runs
+    keys = keys[order]
+    first = np.flatnonzero(np.concatenate([np.ones(min(len(keys), 1), bool), keys[1:] != keys[:-1]]))
+    return keys[first], np.add.reduceat(sums[order], first, axis=0)
 
 
 def fuse_cloud(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from miniloop_cli.errors import InputError, MiniloopError
 from miniloop_cli.geometry import se3
-from miniloop_cli.results.fuse_cloud import VoxelCloud, fuse_cloud, pack, unpack
+from miniloop_cli.results.fuse_cloud import VoxelCloud, fuse_cloud, joined, merge, pack, unpack
 from miniloop_cli.results.g2o import read_g2o, write_g2o
 from miniloop_cli.results.ply import read_ply, write_ply
 
@@ -94,6 +94,15 @@ def test_cloud_grows_coarser_instead_of_larger():
     assert cloud.voxel_m in 0.01 * 2.0 ** np.arange(10)
     assert len(np.unique(np.floor(points / cloud.voxel_m), axis=0)) == len(points)
     assert (colors == 7).all()
+
+
+def test_sorted_parts_are_joined_as_they_are_merged(rng):
+    one, two = (merge(rng.integers(0, 900, 500), rng.uniform(0, 255, (500, 7))) for _ in range(2))
+    nothing = np.zeros(0, np.int64), np.zeros((0, 7))
+    for a, b in ((one, two), (one, nothing), (nothing, two), (nothing, nothing)):
+        expected = merge(*(np.concatenate(both) for both in zip(a, b, strict=True)))
+        for found, right in zip(joined(a, b), expected, strict=True):
+            np.testing.assert_array_equal(found, right)
 
 
 def test_cloud_leaves_out_what_is_not_finite_or_alone():
