@@ -128,6 +128,8 @@ class EdgeTable:
         counts = np.concatenate([table.match_count for table in tables])
         start, order = np.cumsum(counts) - counts, np.lexsort((columns["j"], columns["i"]))
         ends = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[order])])
+        if (np.diff(order) == 1).all():  # sorted already
+            return EdgeTable(**columns, start=ends)
         rows = np.repeat(start[order] - ends[:-1], counts[order]) + np.arange(ends[-1])
         columns = {name: column[rows if name in RAGGED else order] for name, column in columns.items()}
         return EdgeTable(**columns, start=ends)

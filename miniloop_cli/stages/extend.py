@@ -90,14 +90,14 @@ def _extended(
     require_map_as_it_is(part.name, T[~new], T_by_edges[~new])
     T[new] = T_by_edges[new]
     fixed = most_certain(covariance, inside & ~new)
-    edges = as_one_table([len(one) for one in parts], [one.edges for one in parts], {})
-    edges = EdgeTable.concatenated([edges.subset(edges.verified), old.edges, placed.edges])
+    own = as_one_table([len(one) for one in parts], [one.edges.subset(one.edges.verified) for one in parts], {})
+    edges = EdgeTable.concatenated([own, old.edges, placed.edges])
 
     found, tracks = _at_rest(T, old.landmarks, edges, inside, new, fixed, scans, settings, run)
     T = found.T_world_cam
     base = int(np.where(new, 0, shared_tracks(found.seen, new)).argmax())
-    own = covariance_beside_the_map(found, new, scans, settings.bundle, run.workers.threads)
-    covariance[new] = own + added_uncertainty(T[new], covariance[base], T[base])
+    beside = covariance_beside_the_map(found, new, scans, settings.bundle, run.workers.threads)
+    covariance[new] = beside + added_uncertainty(T[new], covariance[base], T[base])
     T[inside] = in_the_first_world(T[inside], parts[int(of_part[np.argmax(inside)])])
     covariance[~new] += moved_uncertainty(old.T_world_cam, T[~new])
     piece = by_size(np.append(old.piece, placed.piece), of_part)

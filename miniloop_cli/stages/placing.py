@@ -63,17 +63,17 @@ def placed_in(
     near = np.union1d(touched, inner[np.isin(inner, touched).any(axis=1)])
     near = near[near < n]
     chosen = np.concatenate([near, np.arange(n, int(before.first[-1]) + len(part))])
-    edges = EdgeTable.concatenated([own, before.joined.edges, between])
-    compared = np.arange(len(edges)) < len(edges) - len(between)
-    inside = np.isin(edges.i, chosen) & np.isin(edges.j, chosen)
-    edges, compared = edges.subset(inside), compared[inside]
+    tables = (own, before.joined.edges, between)
+    inside = [one.subset(np.isin(one.i, chosen) & np.isin(one.j, chosen)) for one in tables]
+    edges = EdgeTable.concatenated(inside)
     edges = replace(edges, i=np.searchsorted(chosen, edges.i), j=np.searchsorted(chosen, edges.j))
+    is_new = chosen >= n
+    compared = is_new[edges.i] == is_new[edges.j]  # those between the recording and the map were not
     some = common_scans(parts, chosen)
     looks = settings.averaging.min_photo_consistency > 0
     photometric = photometric_check(some, settings.ransac, settings.verification.chi2, run) if looks else None
     poses, edges = average_verified(edges, len(chosen), settings.averaging, photometric, run.workers.threads, compared)
 
-    is_new = chosen >= n
     added = edges.subset(edges.verified & ~is_new[edges.i] & is_new[edges.j])
     label = pieces_of(added, of_part[chosen], len(parts), poses.component)
     shown = np.unique(before.joined.piece[np.flatnonzero(label[:last] == label[last])])
