@@ -51,8 +51,7 @@ def known_layouts() -> dict[str, EntryPoint]:
     cannot have the name of another layout.
     """
     plugins: dict[str, EntryPoint] = {}
-    folders = (Path(folder) for folder in sys.path)
-    for entry in _installed(tuple((folder, folder.stat().st_mtime_ns) for folder in folders if folder.exists())):
+    for entry in _installed(tuple((folder, _changed_ns(folder)) for folder in sys.path)):
         if entry.name in plugins or entry.name in BUILT_IN:
             LOG.warning("%s is left out: there is another layout of this name", _called(entry))
         else:
@@ -61,9 +60,17 @@ def known_layouts() -> dict[str, EntryPoint]:
 
 
 @cache
-def _installed(folders: tuple[tuple[Path, int], ...]) -> list[EntryPoint]:
+def _installed(folders: tuple[tuple[str, int], ...]) -> list[EntryPoint]:
     """Plug-ins by name; `folders`: where packages lie, and when one was last installed or removed there."""
     return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+
+
+def _changed_ns(folder: str) -> int:
+    """When the content of a folder of sys.path last changed; 0 if it cannot be told."""
+    try:
+        return Path(folder).stat().st_mtime_ns
+    except (OSError, ValueError):
+        return 0
 
 
 def find_layout(name: str) -> Layout:

@@ -49,6 +49,16 @@ def zipped(recording, tmp_path):
     return tmp_path / "kitchen.zip"
 
 
+def test_a_package_that_is_installed_meanwhile_is_found(tmp_path, monkeypatch):
+    site = tmp_path / "site"
+    site.mkdir()
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.syspath_prepend(tmp_path / "no-such-folder")
+    assert "late" not in known_layouts()
+    install(site, project("late", "broken:Layout"), "broken", "")
+    assert "late" in known_layouts()
+
+
 @pytest.mark.slow
 def test_the_commands_read_recordings_of_a_plug_in(site, zipped, registered, tmp_path):
     """A process of its own finds the package; frames come out of the archive, which is never unpacked."""
