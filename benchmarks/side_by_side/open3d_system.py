@@ -24,7 +24,7 @@ STEPS = ("--make", "--register", "--refine", "--integrate")
 
 
 def write_images(recording: Sequence, folder: Path) -> None:
-    """The frames of a recording as Open3D reads them, with its camera and settings; all settings are its defaults."""
+    """Write a recording as Open3D reads it, with its camera; other settings are Open3D's defaults, except for one."""
     if (folder / SETTINGS).is_file():
         return
     camera, scale, undistorted = recording.camera, stored_scale(recording), undistorter(recording.camera)
@@ -37,7 +37,8 @@ def write_images(recording: Sequence, folder: Path) -> None:
     intrinsics = {"width": camera.width, "height": camera.height, "intrinsic_matrix": camera.K.T.ravel().tolist()}
     (folder / CAMERA).write_text(json.dumps(intrinsics), encoding="utf-8")
     settings = {"name": "recording", "path_dataset": str(folder), "path_intrinsic": str(folder / CAMERA)}
-    settings |= {"depth_scale": scale, "python_multi_threading": True}
+    # Its own threads are used within each step; its processes beside them fail in the sources of 2026.
+    settings |= {"depth_scale": scale, "python_multi_threading": False}
     (folder / SETTINGS).write_text(json.dumps(settings), encoding="utf-8")
 
 
@@ -45,7 +46,7 @@ def main() -> None:
     import open3d as o3d
 
     options = arguments(__doc__, programs=Path(), images=Path())
-    command = [sys.executable, PROGRAM, str(options.images / SETTINGS), *STEPS]
+    command = [sys.executable, PROGRAM, "--config", str(options.images / SETTINGS), *STEPS]
     subprocess.run(command, cwd=options.programs, check=True)
     stamps = np.array([frame.timestamp_s for frame in open_sequence(options.sequence).frames])
     found = o3d.io.read_pinhole_camera_trajectory(str(options.images / "scene" / "trajectory.log")).parameters

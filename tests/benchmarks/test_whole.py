@@ -159,14 +159,15 @@ RUN_SYSTEM = """
 import json, sys
 import numpy as np
 import open3d as o3d
-settings = json.load(open(sys.argv[1]))
+assert sys.argv[1] == "--config"
+settings = json.load(open(sys.argv[2]))
 camera = o3d.io.read_pinhole_camera_intrinsic(settings["path_intrinsic"])
 color = o3d.io.read_image(settings["path_dataset"] + "/image/000007.png")
 depth = o3d.io.read_image(settings["path_dataset"] + "/depth/000007.png")
 assert np.asarray(color).shape == (camera.height, camera.width, 3) and camera.intrinsic_matrix[0, 2] > 100
 z = np.asarray(depth) / settings["depth_scale"]
 assert 0.5 < np.median(z[z > 0]) < 5
-assert sys.argv[2:] == ["--make", "--register", "--refine", "--integrate"]
+assert sys.argv[3:] == ["--make", "--register", "--refine", "--integrate"]
 import os
 os.makedirs(settings["path_dataset"] + "/scene", exist_ok=True)
 with open(settings["path_dataset"] + "/scene/trajectory.log", "w") as log:
