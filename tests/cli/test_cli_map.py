@@ -14,12 +14,14 @@ from miniloop_cli.datasets import open_sequence, read_scan
 from miniloop_cli.datasets.trajectory import read_trajectory
 from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
+from miniloop_cli.report.map_page import write_map_page
 from miniloop_cli.report.viewer.map_scene import load_map
 from miniloop_cli.report.viewer.matches import unpack_matches
 from miniloop_cli.report.viewer.shown import show_map
 from miniloop_cli.results.map_files import up_to_date
 from miniloop_cli.results.map_folder import manifest_hash, read_map
 from miniloop_cli.results.map_verdict import map_verdict
+from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.folder_lock import exclusive
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.write import write_sequence
@@ -121,6 +123,13 @@ def _truth(recording):
 def _both(folder):
     found = poses(folder)
     return found.timestamps_s, found.T_world_cam
+
+
+def test_a_note_on_a_joint_is_a_sentence_of_the_page(office, tmp_path):
+    copy = shutil.copytree(office[0], tmp_path / "copy")
+    numbers = json.loads((copy / "summary.json").read_text()) | {"notes": ["too few frames show the same place"]}
+    page = write_map_page(copy, read_map(copy), numbers, Store(tmp_path / "kept")).read_text()
+    assert "<li>Too few frames show the same place.</li>" in page
 
 
 def test_a_map_says_whether_it_can_be_trusted(office, recordings, tmp_path):
