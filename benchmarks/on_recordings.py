@@ -213,7 +213,7 @@ WHOLE = Benchmark(
             "programs",
             multiple=True,
             type=click.Choice(["miniloop", "orbslam3", "orbslam3-waits", "open3d"]),
-            help="Only this program; may be repeated [default: all that are there].",
+            help="Only this program; may be repeated [default: all; open3d with --open3d].",
         ),
         click.option(
             "--open3d",

@@ -1,7 +1,7 @@
 """Open3D's reconstruction system: fragments, their registration and its refinement, one model, by its own programs.
 
-They are not part of its wheel: `--programs` is the folder examples/python/reconstruction_system of its sources. It
-reads images of a camera without distortion, which `write_images` makes beforehand.
+The programs are not part of its wheel: `--programs` is the folder examples/python/reconstruction_system of its sources.
+They read images of a camera without distortion, which `write_images` makes beforehand.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STEPS = ("--make", "--register", "--refine", "--integrate")
 
 
 def write_images(recording: Sequence, folder: Path) -> None:
-    """Write a recording as Open3D reads it, with its camera; other settings are Open3D's defaults, except for one."""
+    """Write a recording as Open3D reads it, with its camera. Settings are Open3D's defaults, but one process."""
     if (folder / SETTINGS).is_file():
         return
     camera, scale, undistorted = recording.camera, stored_scale(recording), undistorter(recording.camera)
@@ -37,7 +37,7 @@ def write_images(recording: Sequence, folder: Path) -> None:
     intrinsics = {"width": camera.width, "height": camera.height, "intrinsic_matrix": camera.K.T.ravel().tolist()}
     (folder / CAMERA).write_text(json.dumps(intrinsics), encoding="utf-8")
     settings = {"name": "recording", "path_dataset": str(folder), "path_intrinsic": str(folder / CAMERA)}
-    # Its own threads are used within each step; its processes beside them fail in the sources of 2026.
+    # Several processes fail in Open3D's sources of August 2026. Each step still uses threads.
     settings |= {"depth_scale": scale, "python_multi_threading": False}
     (folder / SETTINGS).write_text(json.dumps(settings), encoding="utf-8")
 
@@ -50,7 +50,9 @@ def main() -> None:
     subprocess.run(command, cwd=options.programs, check=True)
     stamps = np.array([frame.timestamp_s for frame in open_sequence(options.sequence).frames])
     found = o3d.io.read_pinhole_camera_trajectory(str(options.images / "scene" / "trajectory.log")).parameters
-    write_poses(options.out, stamps[: len(found)], se3.inverse(np.array([camera.extrinsic for camera in found])))
+    if len(found) != len(stamps):  # poses have no stamps of their own
+        sys.exit(f"Open3D left {len(found)} poses of {len(stamps)} frames")
+    write_poses(options.out, stamps, se3.inverse(np.array([camera.extrinsic for camera in found])))
 
 
 if __name__ == "__main__":

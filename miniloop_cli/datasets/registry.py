@@ -61,7 +61,10 @@ def known_layouts() -> dict[str, EntryPoint]:
 
 @cache
 def _installed(folders: tuple[tuple[str, int], ...]) -> list[EntryPoint]:
-    """Plug-ins by name; `folders`: where packages lie, and when one was last installed or removed there."""
+    """The plug-ins of all installed packages, by name.
+
+    `folders`: those of sys.path, and when a package was last installed or removed there; only a key of the cache.
+    """
     return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
 
 

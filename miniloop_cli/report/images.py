@@ -9,6 +9,7 @@ import numpy as np
 
 from miniloop_cli.datasets import read_color
 from miniloop_cli.errors import InputError
+from miniloop_cli.report.spacing import evenly_spaced
 from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.typing import Bytes, Floats
 
@@ -49,7 +50,7 @@ def match_picture(sequence: Sequence, i: int, j: int, px_i: Floats, px_j: Floats
     height = max(left[0].shape[0], right[0].shape[0])
     picture = np.zeros((height, 2 * width, 3), np.uint8)
     picture[: left[0].shape[0], :width], picture[: right[0].shape[0], width:] = left[0], right[0]
-    keep = np.unique(np.linspace(0, len(px_i) - 1, min(MAX_LINES, len(px_i))).round().astype(int))
+    keep = evenly_spaced(len(px_i), MAX_LINES)
     hues = np.linspace(0, 150, max(len(keep), 1)).astype(np.uint8)
     paint = cv2.cvtColor(np.stack([hues, np.full_like(hues, 230), np.full_like(hues, 255)], 1)[None], cv2.COLOR_HSV2RGB)
     # The colour depends on the height in the left image, so that lines that cross others are visible.

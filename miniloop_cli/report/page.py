@@ -30,7 +30,7 @@ def write_report(data: ReportData, store: Store, workers: Workers = ONE) -> Path
     """
     trajectory = data.results.trajectory if (data.results.root / "trajectory.txt").is_file() else None
     evaluation = against_truth(data, trajectory)
-    # Those that read images first: they take longest.
+    # Sections that read images come first, as they take longest.
     parts: dict[str, Callable[[], Any]] = {
         "view": partial(embedded, data, evaluation, store),
         "worst_edges": partial(sections.worst_edges, data, store),

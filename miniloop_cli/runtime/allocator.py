@@ -32,7 +32,7 @@ def keep_freed_memory() -> bool:
 def give_back_freed_memory() -> None:
     """Return the pages between live objects to the system, where the C library is glibc.
 
-    Before work that needs much memory: after many small arrays, a tenth of the process is such pages. Source:
+    For use before work that needs much memory: many small arrays of different ages leave such pages. Source:
     malloc_trim(3).
     """
     if sys.platform.startswith("linux"):

@@ -14,6 +14,7 @@ import numpy as np
 from miniloop_cli.datasets import read_color
 from miniloop_cli.datasets.thumbnails import small_jpeg, thumbnail
 from miniloop_cli.errors import InputError
+from miniloop_cli.report.spacing import evenly_spaced
 from miniloop_cli.report.viewer import packing
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.results.thumbnails import read_thumbnails
@@ -60,22 +61,14 @@ def frame_pictures(data: ReportData, store: Store, share: int = 1) -> FramePictu
     if data.sequence:
         shown = np.unique(np.concatenate([data.edges.i, data.edges.j]))
         shown = shown[shown < len(data.sequence.frames)]
-        large = _read(data.sequence, shown[_spread(len(shown), MOST_LARGE // share)], WIDTH_PX, QUALITY, store)
+        large = _read(data.sequence, shown[evenly_spaced(len(shown), MOST_LARGE // share)], WIDTH_PX, QUALITY, store)
     rest = np.setdiff1d(sorted(k for k in kept if k < n) if kept else np.arange(n), sorted(large))
     if kept:
-        return FramePictures(large, {int(k): kept[int(k)] for k in rest[_spread(len(rest), MOST_SMALL // share)]})
+        return FramePictures(large, {int(k): kept[int(k)] for k in rest[evenly_spaced(len(rest), MOST_SMALL // share)]})
     if data.sequence is None:
         return FramePictures(large, {})
     rest = rest[rest < len(data.sequence.frames)]
-    return FramePictures(large, _read(data.sequence, rest[_spread(len(rest), MOST_READ // share)], 0, 0, store))
-
-
-def _spread(count: int, most: int) -> Ints:
-    """Rows of `count`: all, or `most` evenly spaced ones."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)) if count else _NONE
-
-
-_NONE = np.zeros(0, np.int64)
+    return FramePictures(large, _read(data.sequence, rest[evenly_spaced(len(rest), MOST_READ // share)], 0, 0, store))
 
 
 def _read(sequence: Recording, numbers: Ints, width: int, quality: int, store: Store) -> dict[int, Bytes]:

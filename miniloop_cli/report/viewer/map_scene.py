@@ -15,6 +15,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.upward import up_direction
 from miniloop_cli.mapping.carry import map_trajectories
 from miniloop_cli.report.charts import named
+from miniloop_cli.report.spacing import evenly_spaced
 from miniloop_cli.report.truth import against_truth
 from miniloop_cli.report.viewer import packing
 from miniloop_cli.report.viewer.map_pieces import set_down
@@ -186,7 +187,7 @@ def _between(data: MapData, a: int, b: int, table: EdgeTable) -> Values:
 def _matches(parts: tuple[MapPart, MapPart], table: EdgeTable, e: int, i: int, j: int) -> Any:
     """(c, 4) whole measured pixels of some matches of an edge."""
     rows = table.inlier_rows(e)
-    rows = rows[np.linspace(0, max(len(rows) - 1, 0), min(len(rows), MOST_OF_EDGE)).round().astype(np.int64)]
+    rows = rows[evenly_spaced(len(rows), MOST_OF_EDGE)]
     ends = [
         part.camera.distort(part.features[key].px_ideal[rows[:, side]])
         for side, (part, key) in enumerate(zip(parts, (i, j), strict=True))

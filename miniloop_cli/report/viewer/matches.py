@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import zlib
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from miniloop_cli.report.spacing import evenly_spaced
 from miniloop_cli.results.columns import ReportData
 from miniloop_cli.typing import Bools, Bytes, Floats, Ints
 
@@ -30,19 +30,13 @@ def _of_edge(data: ReportData, k: int, most: int) -> tuple[Floats, Floats, Bools
     """Pixels (c, 2) in i and in j, and (c,) whether they are inliers, of at most `most` matches."""
     if k in data.rejected_px:
         px_i, px_j, agrees = data.rejected_px[k]
-        rows = _spread(len(px_i), most)
+        rows = evenly_spaced(len(px_i), most)
         return px_i[rows], px_j[rows], agrees[rows]
     if k not in data.inlier_px:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool)
     px_i, px_j = data.inlier_px[k]
-    rows = _spread(len(px_i), most)
+    rows = evenly_spaced(len(px_i), most)
     return px_i[rows], px_j[rows], np.ones(len(rows), bool)
-
-
-@cache
-def _spread(count: int, most: int) -> Ints:
-    """Rows of `count`: all, or `most` evenly spaced ones."""
-    return np.linspace(0, max(count - 1, 0), min(most, count)).round().astype(np.int64)
 
 
 def pack_matches(px: NDArray[np.uint16], agrees: Bools) -> bytes:
