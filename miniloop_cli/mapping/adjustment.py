@@ -83,7 +83,7 @@ class Observations:
         measured = self.frame, self.track, self.px_ideal, self.z_m
         return bundle_adjust(T, *measured, scans.camera, settings, jobs, points, terms, held=held)
 
-    def terms_of_loose(self, inside: Bools, edges: EdgeTable) -> list[PoseTerm]:
+    def terms_of_loose(self, inside: Bools, edges: EdgeTable) -> list[MotionTerm]:
         """Terms of the edges of those keyframes `inside` a piece (K,) that few points tie to the others."""
         loose = untied(self.track, self.frame, inside)
         across = edges.subset(np.isin(edges.pairs, loose).any(axis=1))

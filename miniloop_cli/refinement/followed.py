@@ -11,7 +11,7 @@ from miniloop_cli.refinement.inputs import Between
 from miniloop_cli.refinement.motion_term import MotionTerm
 from miniloop_cli.refinement.timing import Measurements
 from miniloop_cli.runtime.kernels import njit
-from miniloop_cli.typing import Bools, Ints
+from miniloop_cli.typing import Bools, Floats, Ints
 
 MIN_MEASURED = 60  # with so many points, the pose of a frame comes from them, not from its depth image of another time
 MIN_LENGTH = 3  # frames: points tracked for less carry little information on the motion
@@ -67,17 +67,27 @@ def joined(of_keyframes: Measurements, keyframes: Ints, followed: Measurements) 
 
 
 def weakly_measured(between: Between, known: Bools, measured: Measurements) -> Ints:
-    """The frames with a `known` (n,) pose, few measurements, and a motion from depth and brightness."""
+    """Frames with a `known` (n,) pose, few measurements, and a motion by depth and brightness, if only in part."""
     few = np.bincount(measured.frame, minlength=len(known)) < MIN_MEASURED
-    return np.flatnonzero(between.tracked.by_surface & known & few)
+    return np.flatnonzero(between.tracked.surface_information.any(axis=(1, 2)) & known & few)
 
 
 def motions(between: Between, known: Bools, frames: Ints) -> list[MotionTerm]:
-    """The motions from their keyframes to these frames, where both are `known` (n,)."""
+    """The motions from their keyframes to these frames (m,), where both are `known` (n,)."""
     tracked = between.tracked
-    frames = frames[(tracked.key[frames] >= 0) & known[frames]]
-    frames = frames[known[tracked.key[frames]]]
+    return _terms(between, known, frames, tracked.T_cam_key, tracked.information)
+
+
+def surface_motions(between: Between, known: Bools, frames: Ints) -> list[MotionTerm]:
+    """The same motions by depth and brightness alone, for frames (m,) whose points are measured themselves."""
+    tracked = between.tracked
+    return _terms(between, known, frames, tracked.T_by_surface, tracked.surface_information)
+
+
+def _terms(between: Between, known: Bools, frames: Ints, T_cam_key: Floats, information: Floats) -> list[MotionTerm]:
+    key = between.tracked.key
+    frames = frames[(key[frames] >= 0) & known[frames]]
+    frames = frames[known[key[frames]]]
     if not len(frames):
         return []
-    pairs = np.stack([tracked.key[frames], frames], axis=1)
-    return [MotionTerm.of(pairs, tracked.T_cam_key[frames], tracked.information[frames])]
+    return [MotionTerm.of(np.stack([key[frames], frames], axis=1), T_cam_key[frames], information[frames])]

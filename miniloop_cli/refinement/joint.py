@@ -14,11 +14,10 @@ from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
 from miniloop_cli.graph.visibility import partners
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
-from miniloop_cli.refinement.followed import followed_measurements, joined, motions, weakly_measured
+from miniloop_cli.refinement.followed import followed_measurements, joined, motions, surface_motions, weakly_measured
 from miniloop_cli.refinement.gravity import upright
 from miniloop_cli.refinement.inputs import Between, Refined, Scans
 from miniloop_cli.refinement.motion_term import MotionTerm
-from miniloop_cli.refinement.pose_equations import term_pairs
 from miniloop_cli.refinement.posegraph import PoseGraphResult, refine_pose_graph
 from miniloop_cli.refinement.rolling_shutter import NO_TIMING, MovingCamera, adjust, adjust_moving, calibrate
 from miniloop_cli.refinement.self_calibration import recalibrated, self_calibrate
@@ -154,8 +153,8 @@ def _bundle(
     terms: list[MotionTerm] = []
     if between:
         weak = weakly_measured(between, known, tracked)
-        loose = untied(tracked.track, tracked.frame, known, motions(between, known, weak))
-        terms = motions(between, known, np.union1d(weak, loose))
+        loose = untied(tracked.track, tracked.frame, known, surface_motions(between, known, weak))
+        terms = surface_motions(between, known, np.setdiff1d(weak, loose)) + motions(between, known, loose)
     if len(untied(tracked.track, tracked.frame, known, terms)):
         more = sorted(set(used) - set(pairs))
         tracked = measured(pairs + more, matches + _guided(T[keyframes], more, scans, settings, workers), 2)
@@ -197,15 +196,17 @@ def landmarks_of(result: BundleResult, measured: Measurements) -> Landmarks:
     return found.seen_at(good[rows])
 
 
-def untied(track: Ints, frame: Ints, known: Bools, terms: Sequence[PoseTerm] = ()) -> Ints:
-    """The `known` scans (n,) that no chain of shared tracks or terms joins to most of the others.
+def untied(track: Ints, frame: Ints, known: Bools, terms: Sequence[MotionTerm] = ()) -> Ints:
+    """The `known` scans (n,) that no chain of shared tracks or motions joins to most of the others.
 
-    track, frame (k,): which scan sees which. A link of the chain is MIN_SHARED tracks that two scans share, or a term.
+    track, frame (k,): which scan sees which. A link of the chain is MIN_SHARED tracks that two scans share, or a motion
+    that is known in all directions.
     """
     seen = coo_array((np.ones(len(track)), (track, frame)), shape=(int(track.max(initial=-1)) + 1, len(known)))
     shared = ((seen.T @ seen) >= MIN_SHARED).tocoo()
     different = shared.row < shared.col
-    pairs = np.concatenate([np.stack([shared.row, shared.col], axis=1)[different], term_pairs(terms)])
+    by_motions = [term.frames[term.full] for term in terms]
+    pairs = np.concatenate([np.stack([shared.row, shared.col], axis=1)[different], *by_motions])
     group = components(len(known), pairs)
     most = np.bincount(group[known]).argmax() if known.any() else 0
     return np.flatnonzero(known & (group != most))

@@ -9,7 +9,8 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.refinement.robust import Robust
 from miniloop_cli.refinement.terms import Gauge
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.scene.partial_motion import openness
+from miniloop_cli.typing import Bools, Floats, Ints
 
 KERNEL = Robust("cauchy", 3.0)
 
@@ -33,6 +34,11 @@ class MotionTerm:
         value, axes = np.linalg.eigh((information + information.transpose(0, 2, 1)) / 2)
         root = np.sqrt(np.maximum(value, 0.0))[:, :, None] * axes.transpose(0, 2, 1)
         return MotionTerm(frames, T_j_i, root)
+
+    @property
+    def full(self) -> Bools:
+        """(m,) whether all directions of a motion were measured."""
+        return np.isfinite(openness(self.root.transpose(0, 2, 1) @ self.root))
 
     def linearise(self, T_world_cam: Floats) -> tuple[Floats, Floats]:
         """Six numbers a motion between poses T_world_cam (n, 4, 4), in sigmas along the axes of its information."""

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.scene.partial_motion import PartialMotion, closed
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.typing import Bools, Bytes, Floats, Ints
+
+ENOUGH_POINTS = 12  # that agree on a motion determine it
 
 
 class TrackStatus(IntEnum):
@@ -60,12 +63,26 @@ class Observations:
 
 @dataclass(frozen=True)
 class Link:
-    """The motion between a keyframe and a frame, as in FrameMotions."""
+    """The motion between a keyframe and a frame, as in FrameMotions; `surface` is what depth and brightness tell."""
 
     T_cam_key: Floats
     information: Floats
     support: int
+    surface: PartialMotion | None = None
     by_surface: bool = False
+
+    @property
+    def determined(self) -> bool:
+        """Whether it is known in all directions."""
+        return bool(determined(self.information, np.array(self.support), np.array(self.by_surface)))
+
+
+def determined(information: Floats, support: Ints, by_surface: Bools) -> Bools:
+    """Whether motions are known in all directions: information (..., 6, 6), support and by_surface (...).
+
+    Enough points determine them in any case.
+    """
+    return ((support >= ENOUGH_POINTS) & ~by_surface) | closed(information)
 
 
 @dataclass(frozen=True)
@@ -75,6 +92,7 @@ class FrameMotions:
     status (n,) numbers of TrackStatus; problem (n,) words; key (n,) the keyframe of each, -1 none;
     T_cam_key (n, 4, 4) from the key's camera to the frame's, information (n, 6, 6) of (w, v) in [exp(w) | v] T_cam_key;
     support (n,) points that agree on it; by_surface (n,) bool: it comes from depth and brightness, without points;
+    T_by_surface and surface_information the same motion by depth and brightness alone, as far as they tell it;
     repeat (n,) numbers of Repeat.
     """
 
@@ -85,10 +103,17 @@ class FrameMotions:
     information: Floats
     support: Ints
     by_surface: Bools
+    T_by_surface: Floats
+    surface_information: Floats
     repeat: Ints
 
     def __len__(self) -> int:
         return len(self.status)
+
+    @property
+    def determined(self) -> Bools:
+        """(n,) whether the motion since the keyframe is known in all directions."""
+        return (self.key >= 0) & determined(self.information, self.support, self.by_surface)
 
 
 COLUMNS = tuple(column.name for column in fields(FrameMotions))
@@ -118,6 +143,8 @@ class TrackedPart(FrameMotions):
             information=np.zeros((n, 6, 6)),
             support=np.zeros(n, np.int64),
             by_surface=np.zeros(n, bool),
+            T_by_surface=np.tile(np.eye(4), (n, 1, 1)),
+            surface_information=np.zeros((n, 6, 6)),
             repeat=np.full(n, int(Repeat.NONE)),
             first=first,
         )
@@ -132,6 +159,8 @@ class TrackedPart(FrameMotions):
         row = frame - self.first
         self.key[row], self.T_cam_key[row], self.information[row] = key, motion.T_cam_key, motion.information
         self.support[row], self.by_surface[row] = motion.support, motion.by_surface
+        if motion.surface:
+            self.T_by_surface[row], self.surface_information[row] = motion.surface
 
     def observe(self, seen: Observations) -> None:
         """Add observations of tracked points."""

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
-PROBED = Artifact("probed", 2)
-TRACKED = Artifact("tracked", 15)
+PROBED = Artifact("probed", 3)
+TRACKED = Artifact("tracked", 16)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)
 REPETITION = Artifact("repetition", 1)
 GUIDED = Artifact("guided", 2)
-REFINED = Artifact("refined", 12)
+REFINED = Artifact("refined", 13)
 SECOND_MODES = Artifact("second_modes", 1)
 JOINED = Artifact("joined", 5)

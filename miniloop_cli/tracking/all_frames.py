@@ -44,14 +44,14 @@ def priors_among(priors: Priors, rows: Ints, n: int) -> Priors:
 
 def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
     """The edges, and edges from tracked points between neighbouring keyframes that no verified edge joins."""
-    keyframes = tracked.keyframes
+    keyframes, determined = tracked.keyframes, tracked.determined
     row = np.full(len(tracked), -1)
     row[keyframes] = np.arange(len(keyframes))
     verified = set(map(tuple, edges.pairs[edges.verified].tolist()))
     more = []
     for j, frame in enumerate(keyframes.tolist()):
         i = int(row[tracked.key[frame]]) if tracked.key[frame] >= 0 else -1
-        if i < 0 or (i, j) in verified:
+        if not determined[frame] or (i, j) in verified:
             continue
         more.append(
             Edge(

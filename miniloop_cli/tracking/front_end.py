@@ -7,6 +7,7 @@ becomes a keyframe when few of the last one's points are left, so that the follo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.features.keypoints3d import depth_at, depth_slope, on_outline
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.partial_motion import PartialMotion, closed
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
 from miniloop_cli.tracking.flow import contrasts, follow, new_corners
 from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
-from miniloop_cli.tracking.motion import MIN_POINTS, frame_motion
-from miniloop_cli.tracking.surface import Surface, make_surface, openness, surface_motion
-from miniloop_cli.typing import Bools, Bytes, Floats, Floats32
+from miniloop_cli.tracking.motion import Measured, Motion, frame_motion
+from miniloop_cli.tracking.surface import Surface, SurfaceMotion, make_surface, surface_motion
+from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
 MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
 FEW_POINTS = 60  # with fewer, depth and brightness are used as well
@@ -62,6 +64,15 @@ class _Key:
     surface: Surface | None = None  # made when it is needed
 
 
+class _Followed(NamedTuple):
+    """Points of the keyframe in another image: their rows (n,) there, pixels (n, 2); those with depth there are
+    measured."""
+
+    rows: Ints
+    px: Floats32
+    measured: Measured
+
+
 class _Tracker:
     """Processes one frame after the other, and writes the results into a part.
 
@@ -81,18 +92,22 @@ class _Tracker:
 
     def add(self, frame: TrackFrame, last: bool) -> None:
         """Link a frame to the last keyframe, or make it a keyframe; the `last` one becomes one in any case."""
+        self._found = False
         link, enough = self._linked(frame, self._key) if self._key else (None, False)
+        followed = link is not None and link.determined
         if self._key and link:
-            self._part.set(frame.number, TrackStatus.FOLLOWED)
+            # Also a motion that is known in part takes part in the adjustment, if other things tell the frame's pose.
             self._part.link(frame.number, self._key.frame.number, link)
+        if link and followed:
+            self._part.set(frame.number, TrackStatus.FOLLOWED)
             # The motion from a surface is too inaccurate to be extrapolated.
             self._step_s = 0.0 if link.by_surface else abs(frame.stamp_s - self._stamp_s)
             self._step = link.T_cam_key @ se3.inverse(self._T_cam_key)
             self._T_cam_key = link.T_cam_key
-        if not link or not enough or last:
+        if not followed or not enough or last:
             if frame.has_depth:
                 self._make_key(frame)
-            elif not link:
+            elif not followed:
                 text = "the image has no depth, and no points tie it to a keyframe"
                 self._part.set(frame.number, TrackStatus.NO_DEPTH, text)
         self._stamp_s, self._before = frame.stamp_s, frame.gray
@@ -100,59 +115,69 @@ class _Tracker:
             self._observe(frame)
 
     def _linked(self, frame: TrackFrame, key: _Key) -> tuple[Link | None, bool]:
-        """The motion since the keyframe, None if it is unknown; and whether the keyframe also serves the next frame."""
-        predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
-        link = self._by_points(frame, key, predicted)
-        enough = link is not None and len(self._px) >= self._settings.min_followed * key.count
-        if link and link.support >= FEW_POINTS:
-            return link, enough
-        if not frame.has_depth:
-            return link, enough
-        other, still_seen = self._by_surface(frame, key, link.T_cam_key if link else predicted)
-        if link and not (other and openness(other.information) < openness(link.information)):
-            return link, enough
-        return other, enough or still_seen
+        """The motion since the keyframe, None if nothing tells it; and whether the next frame can be linked to it, too.
 
-    def _by_points(self, frame: TrackFrame, key: _Key, predicted: Floats) -> Link | None:
-        """Track the points of the keyframe into this image; those that move together are kept."""
-        self._found = False
-        if len(key.px) < MIN_POINTS:
-            return None
+        With few points, depth and brightness tell the motion better, if they tell all directions; else each tells what
+        the other leaves open. It is never guessed: directions that nothing tells have no information.
+        """
+        predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
+        points = self._followed(frame, key, predicted)
+        best = frame_motion(points.measured, predicted, self._camera)
+        if best and not (frame.has_depth or best.agrees.sum() >= SURE_SHARE * len(key.px)):
+            best = None
+        surface, known = None, None
+        if frame.has_depth and (best is None or best.agrees.sum() < FEW_POINTS):
+            surface = self._by_surface(frame, key, best.T_cam_key if best else predicted)
+        if surface:
+            known = PartialMotion(surface.T_cam_key, surface.information)
+            if not closed(surface.information):
+                best = frame_motion(points.measured, predicted, self._camera, known) or best
+        if best:
+            self._keep(key, points, best)
+        enough = self._found and len(self._px) >= self._settings.min_followed * key.count
+        # Where points can be followed again, a new keyframe begins.
+        enough |= bool(surface and surface.overlap > MIN_SURFACE) and not self._has_points(frame)
+        if surface and known and (best is None or closed(surface.information)):
+            return Link(*known, surface.cells // CELLS_A_POINT, known, by_surface=True), enough
+        if best is None:
+            return None, False
+        return Link(best.T_cam_key, best.information, int(best.agrees.sum()), known), enough
+
+    def _followed(self, frame: TrackFrame, key: _Key, predicted: Floats) -> _Followed:
+        """The points of the keyframe that are found in this image."""
+        if not len(key.px):
+            return _Followed(
+                np.zeros(0, np.int64), NO_POINTS, Measured(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+            )
         before, after = key.frame.gray, frame.gray
         found, good = follow(before, after, key.px, key.contrast, self._guess(key, predicted), sure=True)
         if good.sum() < 0.5 * len(key.px):
             again, good_again = follow(before, after, key.px, key.contrast, self._px, sure=False)
             if good_again.sum() > good.sum():
                 found, good = again, good_again
-        px = found[good].astype(float)
-        p_key, z_m = key.p_key[good], depth_at(frame.scan.depth_m, px, self._depth)
-        deep = np.isfinite(p_key[:, 2])
-        motion = frame_motion(p_key[deep], self._camera.undistort(px)[deep], z_m[deep], predicted, self._camera)
-        if motion is None or not (frame.has_depth or motion.agrees.sum() >= SURE_SHARE * len(key.px)):
-            return None
-        agrees = ~deep
-        agrees[deep] = motion.agrees
-        rows = np.flatnonzero(good)[agrees]
+        rows = np.flatnonzero(good)
+        px = found[rows].astype(float)
+        deep = np.isfinite(key.p_key[rows, 2])
+        z_m = depth_at(frame.scan.depth_m, px, self._depth)
+        measured = Measured(key.p_key[rows][deep], self._camera.undistort(px)[deep], z_m[deep])
+        return _Followed(rows, found[rows], measured)
+
+    def _keep(self, key: _Key, points: _Followed, motion: Motion) -> None:
+        """Go on with the points that agree with the motion, and those whose depth the keyframe does not tell."""
+        agrees = np.isnan(key.p_key[points.rows, 2])
+        agrees[~agrees] = motion.agrees
+        rows = points.rows[agrees]
         key.px, key.contrast, key.p_key = key.px[rows], key.contrast[rows], key.p_key[rows]
-        self._px, self._track, self._found = found[rows], self._track[rows], True
-        return Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()))
+        self._px, self._track, self._found = points.px[agrees], self._track[rows], True
 
-    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> tuple[Link | None, bool]:
-        """The motion by depth and brightness, and whether the next frame can be compared with the same keyframe.
-
-        None if these do not fit, or do not determine all directions: the motion is never guessed. Where points can be
-        followed again, a new keyframe begins.
-        """
+    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> SurfaceMotion | None:
+        """The motion since the keyframe by depth and brightness; None if these do not fit."""
         key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
         motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
         if motion is None:
-            return None, False
+            return None
         step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
-        information = _with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s))
-        if openness(information) > 1:
-            return None, False
-        link = Link(motion.T_cam_key, information, motion.cells // CELLS_A_POINT, True)
-        return link, motion.overlap > MIN_SURFACE and not self._has_points(frame)
+        return motion._replace(information=_with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s)))
 
     def _has_points(self, frame: TrackFrame) -> bool:
         """Whether a frame has points that can be followed; noise has corners, but no two images have the same."""

@@ -9,15 +9,27 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.scene.partial_motion import PartialMotion
+from miniloop_cli.scene.tracked import ENOUGH_POINTS
 from miniloop_cli.typing import Bools, Floats
 
 SIGMA_PX, DEPTH_SIGMA_FACTOR = 1.0, 2.0
 STEPS = 10
 SCALES_PX = (2.0, 8.0)  # of the kernel, least and most; rolling shutter causes residuals of some pixels in fast motion
 FAR = 3.0  # times the scale: larger residuals are outliers
-MIN_POINTS, MIN_SHARE = 12, 0.3  # of seen points that must agree
+MIN_SHARE = 0.3  # of seen points that must agree
+MIN_HELPED = 6  # points that must agree where depth tells a part of the motion
+MAX_CHI2 = 25.0  # of what is known, after it was adjusted with the points; six directions
 SETTLED = 1e-5  # rad, m
 NEAR_M = 0.05
+
+
+class Measured(NamedTuple):
+    """Points of a keyframe in a frame: p_key (n, 3) m, px_ideal (n, 2) undistorted pixels, z_m (n,) or NaN."""
+
+    p_key: Floats
+    px_ideal: Floats
+    z_m: Floats
 
 
 class Motion(NamedTuple):
@@ -29,15 +41,20 @@ class Motion(NamedTuple):
     agrees: Bools
 
 
-def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats, camera: Camera) -> Motion | None:
-    """The motion under which points (n, 3) m of the key camera are seen at px_ideal (n, 2), z_m (n,) or NaN.
+def frame_motion(
+    points: Measured, T_cam_key: Floats, camera: Camera, known: PartialMotion | None = None
+) -> Motion | None:
+    """The motion of a frame from points, and from what else is `known` of it.
 
     Gauss-Newton from T_cam_key (4, 4), reweighted by a Cauchy kernel whose scale follows the residuals. None where
-    fewer than MIN_POINTS agree, or less than MIN_SHARE of them.
+    fewer than ENOUGH_POINTS agree (MIN_HELPED if something is known), or less than MIN_SHARE of them, or where they
+    contradict what is known.
     """
     from scipy.linalg.lapack import dposv
 
-    if len(p_key) < MIN_POINTS:
+    p_key, px_ideal, z_m = points
+    least = MIN_HELPED if known else ENOUGH_POINTS
+    if len(p_key) < least:
         return None
     lens = (camera.fx, camera.fy, camera.cx, camera.cy)
     sigma_z_m = DEPTH_SIGMA_FACTOR * camera.noise.sigma_m(np.nan_to_num(z_m, nan=1.0))
@@ -45,9 +62,11 @@ def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats
     for _ in range(STEPS):
         H, g, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
         seen = np.isfinite(size)
-        if seen.sum() < MIN_POINTS:
+        if seen.sum() < least:
             return None
         scale = float(np.clip(1.5 * np.median(size[seen]), *SCALES_PX))
+        if known:
+            H, g = H + known.information, g + known.information @ _apart(T, known.T_cam_key)
         _, step, singular = dposv(H + 1e-9 * np.trace(H) * np.eye(6), -g)
         if singular:
             return None
@@ -57,9 +76,21 @@ def frame_motion(p_key: Floats, px_ideal: Floats, z_m: Floats, T_cam_key: Floats
             break
     H, _, size = normal_equations(p_key, px_ideal, z_m, sigma_z_m, T, lens, SIGMA_PX, scale)
     agrees = size < FAR * scale
-    if agrees.sum() < max(MIN_POINTS, MIN_SHARE * len(size)) or not np.isfinite(T).all():
+    if agrees.sum() < max(least, MIN_SHARE * len(size)) or not np.isfinite(T).all():
         return None
-    return Motion(T, H / (scale / SCALES_PX[0]) ** 2, agrees)
+    information = H / (scale / SCALES_PX[0]) ** 2
+    if known:
+        off = _apart(T, known.T_cam_key)
+        if scale == SCALES_PX[1] or off @ known.information @ off > MAX_CHI2:
+            return None
+        information = information + known.information
+    return Motion(T, information, agrees)
+
+
+def _apart(T: Floats, other: Floats) -> Floats:
+    """(w, v) with T = [exp(w) | v] other, both (4, 4)."""
+    off = T @ se3.inverse(other)
+    return np.concatenate([se3.log_so3(off[:3, :3]), off[:3, 3]])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

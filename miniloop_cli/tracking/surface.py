@@ -16,6 +16,7 @@ from miniloop_cli.config import Depth
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.scene.partial_motion import without_open
 from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.typing import Bytes, Floats, Floats32
 
@@ -30,8 +31,8 @@ SHARED_CELLS = 20.0  # so many neighbouring cells count as one, as they share th
 PRIOR_RAD, PRIOR_M = 0.04, 0.04  # standard deviations of the predicted motion
 MAX_PRIOR_CHI2 = 16.0  # motions farther from it are rejected
 MIN_OVERLAP, MIN_FITTING = 0.3, 0.6  # of the cells with depth; and of those compared, within three sigmas
-MAX_SIGMA_RAD, MAX_SIGMA_M = 0.015, 0.02  # a less certain direction is undetermined
 LEAST_SHARE = 0.004  # of the best direction's information: less comes from the noise of normals
+MIN_SLOPE_SIGMAS, ROUNDING_GRAY = 3.0, 0.3  # one of 8,000 slopes of noise is larger; noise of whole gray levels
 SETTLED = 1e-5
 
 
@@ -39,19 +40,21 @@ SETTLED = 1e-5
 class Surface:
     """A frame on an ideal pinhole grid: points (h, w, 3) m, NaN without depth; normals (h, w, 3); gray (h, w).
 
-    lens: fx fy cx cy of the grid; sigma_m (h, w) of depth.
+    slopes (h, w, 2) of gray along u and v, per cell; zero where noise can be their cause. lens: fx fy cx cy of the
+    grid; sigma_m (h, w) of depth.
     """
 
     points: Floats
     normals: Floats
     gray: Floats
+    slopes: Floats
     sigma_m: Floats
     lens: tuple[float, float, float, float]
 
 
 class SurfaceMotion(NamedTuple):
-    """T_cam_key (4, 4), information (6, 6) as in Motion; share of this frame's cells seen in both; cells that
-    fit."""
+    """T_cam_key (4, 4), information (6, 6) as in Motion, zero in open directions; share of this frame's cells seen in
+    both; cells that fit."""
 
     T_cam_key: Floats
     information: Floats
@@ -78,12 +81,37 @@ def make_surface(scan: Scan, gray: Bytes, camera: Camera, depth: Depth) -> Surfa
     x, y, lens = _grid(camera)
     z = np.asarray(cv2.remap(scan.depth_m, x, y, cv2.INTER_NEAREST), float)
     z[~((z >= depth.min_m) & (z <= depth.max_m))] = np.nan
-    smooth = cv2.GaussianBlur(gray, (0, 0), camera.width / COLUMNS / 2)
+    blur = cv2.getGaussianKernel(2 * round(2 * camera.width / COLUMNS) + 1, camera.width / COLUMNS / 2)
+    smooth = cv2.sepFilter2D(gray, cv2.CV_32F, blur, blur)
     brightness = np.asarray(cv2.remap(smooth, x, y, cv2.INTER_LINEAR), float)
+    slopes = _slopes(brightness, _noise(gray) * float((blur**2).sum()))
     v, u = np.mgrid[0 : z.shape[0], 0 : z.shape[1]]
     points = np.stack([(u - lens[2]) / lens[0] * z, (v - lens[3]) / lens[1] * z, z], axis=2)
     sigma_m = DEPTH_SIGMA_FACTOR * camera.noise.sigma_m(np.nan_to_num(z, nan=1.0))
-    return Surface(points, _normals(points), brightness, sigma_m, lens)
+    return Surface(points, _normals(points), brightness, slopes, sigma_m, lens)
+
+
+def _noise(gray: Bytes) -> float:
+    """Standard deviation of the noise of single pixels of an image (h, w): Immerkaer (1996), by the median.
+
+    What is left when a quadratic surface is taken away from 3 x 3 pixels; in most places that is little else.
+    """
+    import cv2
+
+    left = cv2.filter2D(gray, cv2.CV_16S, np.outer([1, -2, 1], [1, -2, 1]))
+    return max(float(np.median(np.abs(left[::3, ::3]))) / 0.6745 / 6, ROUNDING_GRAY)
+
+
+def _slopes(gray: Floats, sigma_gray: float) -> Floats:
+    """Slopes (h, w, 2) of gray (h, w) per cell along u and v; zero where noise of sigma_gray can be their cause.
+
+    The slopes of noise would count as information on all directions, also before a bare wall.
+    """
+    slopes = np.zeros((*gray.shape, 2))
+    slopes[:, 1:-1, 0] = (gray[:, 2:] - gray[:, :-2]) / 2
+    slopes[1:-1, :, 1] = (gray[2:] - gray[:-2]) / 2
+    slopes[(slopes**2).sum(axis=2) < (MIN_SLOPE_SIGMAS * sigma_gray) ** 2] = 0
+    return slopes
 
 
 def _normals(points: Floats) -> Floats:
@@ -118,7 +146,7 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
     offset = 0.0
     for _ in range(STEPS):
         H, g, seen, _, offset = _equations(
-            key.points, key.normals, key.gray, now.points, now.gray, now.sigma_m, key.lens, T, offset
+            key.points, key.normals, key.gray, key.slopes, now.points, now.gray, now.sigma_m, key.lens, T, offset
         )
         if seen < 100:
             return None
@@ -128,7 +156,7 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
         if np.abs(step).max() < SETTLED:
             break
     H, _, seen, fitting, _ = _equations(
-        key.points, key.normals, key.gray, now.points, now.gray, now.sigma_m, key.lens, T, offset
+        key.points, key.normals, key.gray, key.slopes, now.points, now.gray, now.sigma_m, key.lens, T, offset
     )
     overlap = seen / max(int(np.isfinite(now.points[..., 2]).sum()), 1)
     astray = not moved @ prior @ moved < MAX_PRIOR_CHI2  # also where it is NaN
@@ -136,18 +164,8 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
         return None
     found = se3.inverse(T)
     back = np.linalg.inv(se3.adjoint(found))
-    information = back.T @ (H / SHARED_CELLS) @ back
+    information = without_open(back.T @ (H / SHARED_CELLS) @ back, LEAST_SHARE)
     return SurfaceMotion(found, information, float(overlap), int(fitting))
-
-
-def openness(information: Floats) -> float:
-    """Largest standard deviation of a direction by the information (6, 6), as a share of the largest accepted one.
-
-    Infinite if a direction has less than LEAST_SHARE of the information of the best one.
-    """
-    believed = np.array([MAX_SIGMA_RAD] * 3 + [MAX_SIGMA_M] * 3)
-    known = np.linalg.eigvalsh(believed[:, None] * information * believed)
-    return float(max(known[0], 1e-12) ** -0.5) if known[0] > LEAST_SHARE * known[-1] else np.inf
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -155,6 +173,7 @@ def _equations(
     p_key: Floats,
     n_key: Floats,
     gray_key: Floats,
+    slopes_key: Floats,
     p_now: Floats,
     gray_now: Floats,
     sigma_m: Floats,
@@ -202,8 +221,7 @@ def _equations(
                 g[k] += w * J[k] * r
                 for m in range(6):
                     H[k, m] += w * J[k] * J[m]
-            gx = 0.5 * (gray_key[i, j + 1] - gray_key[i, j - 1])
-            gy = 0.5 * (gray_key[i + 1, j] - gray_key[i - 1, j])
+            gx, gy = slopes_key[i, j, 0], slopes_key[i, j, 1]
             expected = gray_key[i, j] + gx * (px - j) + gy * (py - i)
             total += gray_now[v, u] - expected
             r = (expected + offset - gray_now[v, u]) / SIGMA_GRAY

@@ -13,6 +13,7 @@ from miniloop_cli.refinement.followed import (
     followed_measurements,
     joined,
     motions,
+    surface_motions,
     weakly_measured,
 )
 from miniloop_cli.refinement.inputs import Between
@@ -105,9 +106,10 @@ def pieces():
     measured = Measurements(frame, track, np.zeros(k), np.zeros((k, 2)), np.ones(k), np.zeros((k, 2)), np.zeros(k))
     tracked = SimpleNamespace(
         key=np.array([-1, 0, 0, 0]),
-        by_surface=np.array([False, False, False, True]),
         T_cam_key=np.tile(np.eye(4), (4, 1, 1)),
         information=np.tile(np.eye(6), (4, 1, 1)),
+        T_by_surface=np.tile(np.eye(4), (4, 1, 1)),
+        surface_information=np.array([0, 0, 0, 1])[:, None, None] * np.eye(6),
     )
     return measured, Between(tracked, np.arange(4.0), np.arange(4.0))
 
@@ -127,3 +129,21 @@ def test_a_motion_counts_only_between_frames_that_have_poses():
     assert motions(between, np.array([True, True, True, False]), np.array([3])) == []
     (term,) = motions(between, np.ones(4, bool), np.array([0, 3]))  # frame 0 was followed from none
     assert term.frames.tolist() == [[0, 3]]
+
+
+def test_a_motion_known_in_part_takes_part_but_does_not_tie():
+    measured, between = pieces()
+    known = np.ones(4, bool)
+    between.tracked.surface_information[3] = np.diag([1e6, 1e6, 0, 0, 0, 1e6])
+    (term,) = surface_motions(between, known, weakly_measured(between, known, measured))
+    assert term.frames.tolist() == [[0, 3]] and not term.full.any()
+    assert untied(measured.track, measured.frame, known, [term]).tolist() == [3]
+
+
+def test_depth_alone_weighs_where_points_are_measured_themselves():
+    """The motion of a frame comes from points and depth; its points must not count twice."""
+    _, between = pieces()
+    between.tracked.information[3] *= 7
+    (whole,), (by_surface,) = (f(between, np.ones(4, bool), np.array([3])) for f in (motions, surface_motions))
+    assert np.allclose(whole.root[0].T @ whole.root[0], 7 * np.eye(6))
+    assert np.allclose(by_surface.root[0].T @ by_surface.root[0], np.eye(6))

@@ -102,6 +102,14 @@ def test_followed_points_survive_the_table(tracked):
     assert [e.followed for e in table.subset(table.followed > 0).edges()] == [15, 15]
 
 
+def test_what_a_motion_leaves_open_is_no_edge(tracked):
+    """Its covariance would have to be infinite."""
+    frame = KEYFRAMES[2]
+    tracked.by_surface[frame], tracked.information[frame] = True, np.diag([1e6, 1e6, 0, 0, 0, 1e6])
+    pairs = with_followed(EdgeTable.of([]), tracked).pairs.tolist()
+    assert [1, 2] not in pairs and [0, 1] in pairs and [3, 4] in pairs
+
+
 def test_priors_are_those_of_the_keyframes():
     rng = np.random.default_rng(0)
     T, up = rng.random((12, 4, 4)), rng.random((12, 3))
@@ -143,7 +151,7 @@ def test_extracted_scans_stand_in_the_rows_of_their_frames(tracked):
 
 
 def test_a_followed_edge_has_weight_however_little_supports_it(tracked):
-    tracked.support[:] = 0
+    tracked.support[:], tracked.information[:] = 0, 1e6 * np.eye(6)
     found = with_followed(EdgeTable.of([]), tracked)
     assert len(found) and (found.inlier_count == 1).all()
     poses = average_components(found, len(KEYFRAMES), Averaging())

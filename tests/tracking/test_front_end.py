@@ -6,11 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from walls import CAMERA, frame, path, recording, wall_frames
+from walls import CAMERA, frame, path, recording, spotted_frames, wall_frames
 
 from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.datasets import open_sequence
 from miniloop_cli.geometry import se3
+from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.no_depth import NoDepth
 from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
 from miniloop_cli.simulation import SimulationSettings, true_trajectory, write_sequence
@@ -159,6 +160,33 @@ def test_a_cut_to_another_scene_tears(frames, truth):
     assert not np.isin(seen["seen_track"][seen["seen_frame"] >= cut], before).any()
     deg, m = errors(part, truth)
     assert deg.max() < 0.08 and m.max() < 0.002
+
+
+def test_a_bare_wall_tells_the_distance_and_two_turns(truth):
+    """Nothing tells the rest, which is not guessed: each frame is torn from the others, and keeps what is known."""
+    part = tracked(spotted_frames(truth, 0))
+    assert (part.status == KEYFRAME).all() and not part.determined.any()
+    linked = np.flatnonzero(part.key >= 0)
+    assert len(linked) > N / 2 and part.by_surface[linked].all()
+    true = se3.inverse(truth[linked]) @ truth[part.key[linked]]
+    off = part.T_cam_key[linked] @ se3.inverse(true)
+    step = np.concatenate([se3.log_so3(off[:, :3, :3]), off[:, :3, 3]], axis=1)
+    value, axes = np.linalg.eigh(part.information[linked])
+    known = np.einsum("kai,ka->ki", axes, step)
+    assert (np.sort(value)[:, 2] < 1e-3 * np.sort(value)[:, 3]).all()  # three of six are open
+    assert np.abs(known[value > 1]).max() < 0.01  # rad, m
+    assert (np.einsum("ka,kab,kb->k", step, part.information[linked], step) < 10).all()
+
+
+@pytest.mark.parametrize("spots", [2, 4])
+def test_a_few_spots_on_a_wall_are_enough(spots):
+    """Brightness alone was once 2 cm off on such a wall, and points alone half a centimetre."""
+    camera, truth = Camera(525.0, 525.0, 319.5, 239.5, 640, 480), path(30)
+    sequence = recording(spotted_frames(truth, spots, 7, camera), camera=camera)
+    part = track_part(sequence, Depth(), Tracking(), 0, len(truth) - 1)
+    assert part.determined[part.status == FOLLOWED].all() and part.determined.sum() >= len(truth) - 2
+    deg, m = errors(part, truth)
+    assert deg.max() < 0.15 and m.max() < 0.004
 
 
 def test_doubled_frames_do_not_move(frames, truth):

@@ -7,10 +7,11 @@ import pytest
 from miniloop_cli.config import Depth
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.partial_motion import openness
 from miniloop_cli.scene.sequence import Scan
 from miniloop_cli.simulation.settings import SimulationSettings
 from miniloop_cli.simulation.simulate import simulate
-from miniloop_cli.tracking.surface import make_surface, openness, surface_motion
+from miniloop_cli.tracking.surface import make_surface, surface_motion
 
 CAMERA = Camera(260.0, 260.0, 159.5, 119.5, 320, 240)
 

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from miniloop_cli.geometry import se3
+from miniloop_cli.scene.partial_motion import PartialMotion
 from miniloop_cli.scene.poses import Poses
 from miniloop_cli.scene.tracked import Link, Observations, Tracked, TrackedPart, TrackStatus
 
@@ -30,7 +31,10 @@ def random_part(first, last, rng):
         blank = rng.random() < 0.2 and first < f < last
         if f > first and not blank:
             motion = se3.pose(se3.exp_so3(rng.normal(0, 0.1, 3)), rng.normal(0, 0.1, 3))
-            part.link(f, key, Link(motion, rng.random() * np.eye(6), int(rng.integers(9)), bool(rng.integers(2))))
+            shape = PartialMotion(np.eye(4), rng.random() * np.eye(6)) if rng.integers(2) else None
+            part.link(
+                f, key, Link(motion, rng.random() * np.eye(6), int(rng.integers(9)), shape, bool(rng.integers(2)))
+            )
         if blank:
             part.set(f, TrackStatus.BLANK, f"blank {f}")
         elif f in (first, last) or rng.random() < 0.3:

@@ -75,6 +75,23 @@ def wall_frames(T_world_cam, seed=0):
     return [frame(k, *seen(T, image)) for k, T in enumerate(T_world_cam)]
 
 
+def spotted_frames(T_world_cam, spots_per_m2, seed=0, camera=CAMERA):
+    """Frames, with noise, of a bare wall with so many dark or bright spots of 2 cm."""
+    rng, side = np.random.default_rng(seed), int(TEXEL_PER_M * SIDE_M)
+    image = np.full((side, side), 120, np.uint8)
+    for x, y in rng.uniform(0, side, (int(spots_per_m2 * SIDE_M**2), 2)):
+        gray = int(rng.choice([30, 220]))
+        cv2.circle(image, (int(16 * x), int(16 * y)), 48, gray, -1, cv2.LINE_AA, 4)
+    frames = []
+    for k, T in enumerate(T_world_cam):
+        color, depth = seen(T, image, camera)
+        z_m = depth / camera.depth_scale
+        z_m += camera.noise.sigma_m(z_m) * rng.standard_normal(z_m.shape)
+        color = np.clip(color + 4 * rng.standard_normal(color.shape[:2])[..., None], 0, 255).astype(np.uint8)
+        frames.append(frame(k, color, np.round(z_m * camera.depth_scale).astype(np.uint16)))
+    return frames
+
+
 def frame(k, color, depth):
     """Frame k, at its time; None for what cannot be read."""
     return Frame(1000 + k / RATE_HZ, Picture(f"{k}.color", color), Picture(f"{k}.depth", depth))
@@ -85,6 +102,6 @@ def renumbered(frames, rate_hz=RATE_HZ):
     return tuple(Frame(1000 + k / rate_hz, f.color, f.depth) for k, f in enumerate(frames))
 
 
-def recording(frames, rate_hz=RATE_HZ):
+def recording(frames, rate_hz=RATE_HZ, camera=CAMERA):
     """A recording of these frames."""
-    return Sequence("wall", Path(), CAMERA, renumbered(frames, rate_hz))
+    return Sequence("wall", Path(), camera, renumbered(frames, rate_hz))
