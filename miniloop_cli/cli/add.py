@@ -46,7 +46,9 @@ def add(
     """
     from miniloop_cli import maps
     from miniloop_cli.cli.map import describe
+    from miniloop_cli.runtime.allocator import KEPT_FOR_MAPS_BYTES, keep_freed_memory
 
+    keep_freed_memory(KEPT_FOR_MAPS_BYTES)
     begin = time.perf_counter()
     numbers = maps.add(
         folder,

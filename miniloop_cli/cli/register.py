@@ -188,7 +188,9 @@ def _register_many(
     """Register several recordings into one map."""
     from miniloop_cli.cli.map import describe
     from miniloop_cli.maps import register_many
+    from miniloop_cli.runtime.allocator import KEPT_FOR_MAPS_BYTES, keep_freed_memory
 
+    keep_freed_memory(KEPT_FOR_MAPS_BYTES)
     numbers = register_many(sequences, output, quiet=quiet, **chosen)
     if json_path:
         options.write_json(json_path, numbers)

@@ -83,12 +83,6 @@ class Observations:
         measured = self.frame, self.track, self.px_ideal, self.z_m
         return bundle_adjust(T, *measured, scans.camera, settings, jobs, points, terms, held=held)
 
-    def terms_of_loose(self, inside: Bools, edges: EdgeTable) -> list[MotionTerm]:
-        """Terms of the edges of those keyframes `inside` a piece (K,) that few points tie to the others."""
-        loose = untied(self.track, self.frame, inside)
-        across = edges.subset(np.isin(edges.pairs, loose).any(axis=1))
-        return [MotionTerm.of(across.pairs, across.T_j_i, across.information)] if len(across) else []
-
 
 def most_certain(covariance: Floats, among: Bools) -> int:
     """The keyframe `among` some (K,) whose covariance (K, 6, 6) has the smallest trace."""
@@ -139,7 +133,8 @@ def adjusted_until_rest(
     held = ~active
     for _ in range(ROUNDS):
         part = seen.of_tracks_seen_by(active)
-        adjust(part, POINT_STEPS, everybody)
+        if np.isnan(points[part.track]).any():
+            adjust(part, POINT_STEPS, everybody)  # points begun roughly would bend the poses
         T_before, T = T, adjust(part, WHOLE_STEPS, held)
         angle_deg, distance_m = se3.angle_and_distance(se3.inverse(T_before) @ T)
         LOG.debug("%d keyframes adjusted, moved by up to %.3f cm", active.sum(), 100 * distance_m.max())
@@ -180,8 +175,11 @@ def settled(
     """
     seen = Observations.of(tracks, scans, settings.min_frames)
     seen = seen.subset(inside[seen.frame])
-    terms = seen.terms_of_loose(inside, edges)
-    apart = untied(seen.track, seen.frame, inside, terms)
+    apart, terms = untied(seen.track, seen.frame, inside), list[MotionTerm]()
+    across = edges.subset(np.isin(edges.pairs, apart).any(axis=1))
+    if len(across):
+        terms = [MotionTerm.of(across.pairs, across.T_j_i, across.information)]
+        apart = untied(seen.track, seen.frame, inside, terms)
     seen = seen.subset(~np.isin(seen.frame, apart))
     active = inside if active is None else active & inside
     found = adjusted_until_rest(T_world_cam, points, seen, terms, fixed, scans, settings, jobs, active, rest)

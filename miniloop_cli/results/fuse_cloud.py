@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ Sums = Floats  # (n, 7): x y z r g b, number of points
 class VoxelCloud:
     """Running means of position and colour by voxel.
 
-    Memory is at most about three times 64 bytes a voxel. When more than `max_voxels` are filled, the voxel size
+    Memory is at most about five times 64 bytes a voxel. When more than `max_voxels` are filled, the voxel size
     (`voxel_m`) doubles, so that a long recording gives a coarser cloud instead of none. Raises ValueError for sizes
     that are not positive.
     """
@@ -30,7 +31,8 @@ class VoxelCloud:
         if not voxel_m > 0 or max_voxels < 1:
             raise ValueError(f"voxel_m and max_voxels must be positive, got {voxel_m} and {max_voxels}")
         self.voxel_m, self.max_voxels = float(voxel_m), int(max_voxels)
-        self._parts: list[tuple[Keys, Sums]] = []
+        self._whole: tuple[Keys, Sums] = np.empty(0, np.int64), np.empty((0, 7))
+        self._pending: list[tuple[Keys, Sums]] = []
 
     def add(self, points_world: NDArray[np.floating], colors: Bytes) -> None:
         """Add (n, 3) points (m) with (n, 3) RGB; points that are not finite are left out.
@@ -48,33 +50,25 @@ class VoxelCloud:
                 f"that voxels of {self.voxel_m:g} m reach: choose larger voxels"
             )
         keys = pack(np.floor(points / self.voxel_m).astype(np.int64))
-        self._parts.append(merge(keys, np.column_stack([points, colors, np.ones(len(points))])))
-        # Merging parts of similar size keeps the total work at n log n, and pending parts smaller than the largest one.
-        while len(self._parts) > 1 and len(self._parts[-1][0]) * 2 > len(self._parts[-2][0]):
-            self._join_last()
-        while len(self._parts[0][0]) > self.max_voxels:
-            self._coarsen()
+        self._pending.append(merge(keys, np.column_stack([points, colors, np.ones(len(points))])))
+        # Waiting until there is half as much as the whole keeps the total work near n log n, and the memory bounded.
+        if 2 * sum(len(part_keys) for part_keys, _ in self._pending) >= len(self._whole[0]):
+            self._join()
 
     def result(self, min_points: int = 1) -> tuple[Floats32, Bytes]:
         """(n, 3) points and (n, 3) colours, in voxel order; voxels of fewer than `min_points` readings left out."""
-        while len(self._parts) > 1:
-            self._join_last()
-        if self._parts and len(self._parts[0][0]) > self.max_voxels:
-            self._coarsen()
-        sums = self._parts[0][1] if self._parts else np.empty((0, 7))
+        self._join()
+        sums = self._whole[1]
         sums = sums[sums[:, 6] >= min_points]
         means = sums[:, :6] / sums[:, 6:]
         return means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8)
 
-    def _join_last(self) -> None:
-        self._parts[-2:] = [joined(*self._parts[-2:])]
-
-    def _coarsen(self) -> None:
-        while len(self._parts) > 1:
-            self._join_last()
-        self.voxel_m *= 2
-        keys, sums = self._parts[0]
-        self._parts = [merge(pack(unpack(keys) >> 1), sums)]
+    def _join(self) -> None:
+        self._whole, self._pending = joined([self._whole, *self._pending]), []
+        while len(self._whole[0]) > self.max_voxels:
+            self.voxel_m *= 2
+            keys, sums = self._whole
+            self._whole = merge(pack(unpack(keys) >> 1), sums)
 
 
 def pack(voxels: Ints) -> Keys:
@@ -95,13 +89,29 @@ def merge(keys: Keys, sums: Sums) -> tuple[Keys, Sums]:
     return unique, np.stack(columns, axis=1)
 
 
-def joined(a: tuple[Keys, Sums], b: tuple[Keys, Sums]) -> tuple[Keys, Sums]:
-    """`merge` of the results of two merges, faster, as their keys are sorted already."""
-    keys, sums = (np.concatenate(both) for both in zip(a, b, strict=True))
-    order = np.argsort(keys, kind="stable")  # which merges sorted runs
-    keys = keys[order]
-    first = np.flatnonzero(np.concatenate([np.ones(min(len(keys), 1), bool), keys[1:] != keys[:-1]]))
-    return keys[first], np.add.reduceat(sums[order], first, axis=0)
+def joined(parts: Sequence[tuple[Keys, Sums]]) -> tuple[Keys, Sums]:
+    """`merge` of the results of several merges: the first one, the largest, is changed in place.
+
+    Its keys (n,) are sorted, so that the others need only be looked up there.
+    """
+    (keys, sums), more = parts[0], parts[1:]
+    if not more:
+        return keys, sums
+    other_keys, other_sums = merge(*(np.concatenate(columns) for columns in zip(*more, strict=True)))
+    at = np.searchsorted(keys, other_keys)
+    known = np.append(keys, -1)[at] == other_keys
+    sums[at[known]] += other_sums[known]
+    place = at[~known] + np.arange(np.count_nonzero(~known))
+    return inserted(keys, place, other_keys[~known]), inserted(sums, place, other_sums[~known])
+
+
+def inserted(rows: NDArray[Any], place: Ints, new: NDArray[Any]) -> NDArray[Any]:
+    """Rows (n, ...) with `new` ones (m, ...) among them, which come to stand at place (m,), ascending."""
+    found = np.empty((len(rows) + len(new), *rows.shape[1:]), rows.dtype)
+    old = np.ones(len(found), bool)
+    old[place] = False
+    found[place], found[old] = new, rows
+    return found
 
 
 def fuse_cloud(

@@ -40,7 +40,7 @@ from miniloop_cli.scene.verdict import Verdict
 from miniloop_cli.typing import Bytes, Floats, Floats32, Ints
 from miniloop_cli.version import __version__
 
-CLOUD = Artifact("cloud", 1)
+CLOUD = Artifact("cloud", 2)
 # Files that depend on poses or describe a whole run: those of an earlier run are removed.
 OF_ONE_RUN = (
     *("trajectory.txt", "graph.g2o", "cloud.ply", "covariances.npz", "landmarks.npz"),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from miniloop_cli.scene.ragged import rows_of
 from miniloop_cli.scene.verdict import Rejection, Verdict
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
@@ -121,18 +122,15 @@ class EdgeTable:
         if len(tables) == 1:
             return tables[0]
         columns = {
-            name: np.concatenate([getattr(table, name) for table in tables])
-            for name in (column.name for column in fields(EdgeTable))
-            if name != "start"
+            column.name: np.concatenate([getattr(table, column.name) for table in tables])
+            for column in fields(EdgeTable)
+            if column.name not in RAGGED
         }
-        counts = np.concatenate([table.match_count for table in tables])
-        start, order = np.cumsum(counts) - counts, np.lexsort((columns["j"], columns["i"]))
-        ends = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[order])])
-        if (np.diff(order) == 1).all():  # sorted already
-            return EdgeTable(**columns, start=ends)
-        rows = np.repeat(start[order] - ends[:-1], counts[order]) + np.arange(ends[-1])
-        columns = {name: column[rows if name in RAGGED else order] for name, column in columns.items()}
-        return EdgeTable(**columns, start=ends)
+        order = np.lexsort((columns["j"], columns["i"]))
+        columns = {name: column[order] for name, column in columns.items()}
+        table = np.repeat(np.arange(len(tables)), [len(one) for one in tables])[order]
+        first, last = (np.concatenate([one.start[k : len(one) + k] for one in tables])[order] for k in (0, 1))
+        return EdgeTable(**columns, **_matches_of(tables, table, first, last))
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> EdgeTable:
@@ -212,12 +210,9 @@ class EdgeTable:
         rows = np.arange(len(self))[np.asarray(which)]
         if len(rows) == len(self):
             return self
-        chosen = np.zeros(len(self), bool)
-        chosen[rows] = True
-        kept = np.repeat(chosen, self.match_count)
         columns = {name: column[rows] for name, column in self.arrays().items() if name not in RAGGED}
-        start = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.match_count[rows])])
-        return replace(self, **columns, start=start, matches=self.matches[kept], inliers=self.inliers[kept])
+        one = np.zeros(len(rows), np.int64)
+        return EdgeTable(**columns, **_matches_of([self], one, self.start[rows], self.start[rows + 1]))
 
     def rounded(self) -> EdgeTable:
         """With T_j_i to seven decimals, as the last bits depend on how this process compiled the kernels."""
@@ -265,3 +260,12 @@ class EdgeTable:
             else Rejection(int(rejection)).sentence(*detail)
             for verdict, rejection, detail, loops, count in said
         ]
+
+
+def _matches_of(tables: Sequence[EdgeTable], table: Ints, first: Ints, last: Ints) -> dict[str, NDArray[Any]]:
+    """The RAGGED columns of m edges, each with the matches first..last (m,) of tables[table]."""
+    return {
+        "start": np.concatenate([np.zeros(1, np.int64), np.cumsum(last - first)]),
+        "matches": rows_of([one.matches for one in tables], table, first, last),
+        "inliers": rows_of([one.inliers for one in tables], table, first, last),
+    }
