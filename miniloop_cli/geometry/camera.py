@@ -51,6 +51,10 @@ class Camera:
     depth_model: DepthModel = EXACT  # corrects readings in metres, on the pixels of this camera
     trust: Trust = Trust.CALIBRATED
 
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy", "depth_scale"):  # kernels are compiled for floats
+            object.__setattr__(self, name, float(getattr(self, name)))
+
     @property
     def K(self) -> Floats:
         """(3, 3) calibration matrix."""

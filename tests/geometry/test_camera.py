@@ -35,3 +35,10 @@ def test_an_ideal_lens_and_no_pixels_stay_as_they_are():
     px = np.array([[1.5, 2.5], [600.0, 400.0]])
     assert np.array_equal(Camera(500, 500, 320, 240, 640, 480).undistort(px), px)
     assert STRONG.undistort(np.zeros((0, 2))).shape == (0, 2)
+
+
+def test_whole_numbers_are_a_camera_as_well():
+    """Kernels are compiled for floats: a camera of whole numbers once ended in a long error of the compiler."""
+    camera = Camera(525, 525, 320, 240, 640, 480, 5000)
+    assert {type(n) for n in (camera.fx, camera.fy, camera.cx, camera.cy, camera.depth_scale)} == {float}
+    assert camera == Camera(525.0, 525.0, 320.0, 240.0, 640, 480, 5000.0)

@@ -45,6 +45,18 @@ def test_a_map_is_read_back_as_it_was_written(written):
     assert same(read_map(written).parts, after.parts)
 
 
+def test_pairs_are_packed_by_columns_and_read_by_rows(tmp_path):
+    """Kernels are compiled for rows; packed by rows, matches take 40 % more."""
+    scene_map = small_map()
+    write_map(tmp_path, scene_map)
+    path = max((tmp_path / "map").glob("*.npz"), key=lambda file: file.stat().st_size)
+    with np.load(path) as stored:
+        assert stored["edge_matches"].flags["F_CONTIGUOUS"] and len(stored["edge_matches"]) > 1
+    matches = [part.edges.matches for part in read_map(tmp_path).parts]
+    assert all(one.flags["C_CONTIGUOUS"] for one in matches)
+    assert all(np.array_equal(a, b.edges.matches) for a, b in zip(matches, scene_map.parts, strict=True))
+
+
 def test_writing_what_was_read_changes_no_file(written):
     write_map(written, read_map(written))
     before = {path.name: path.read_bytes() for path in (written / "map").iterdir()}
