@@ -173,7 +173,7 @@ def _write(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                # Whole numbers of a column are more alike than those of a row, and are packed smaller one after another.
+                # Whole numbers of a column are more alike than those of a row, and take less room one after another.
                 by_columns = array.ndim == 2 and array.dtype.kind in "iu"
                 ordered = np.asfortranarray(array) if by_columns else np.ascontiguousarray(array)
                 np.lib.format.write_array(file, ordered, allow_pickle=False)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
-PROBED = Artifact("probed", 3)
-TRACKED = Artifact("tracked", 16)
+PROBED = Artifact("probed", 4)
+TRACKED = Artifact("tracked", 17)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)

@@ -15,9 +15,9 @@ from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.features.keypoints3d import depth_at, depth_slope, on_outline
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.scene.partial_motion import PartialMotion, closed
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
+from miniloop_cli.tracking.choice import FEW_POINTS, choose, few
 from miniloop_cli.tracking.flow import contrasts, follow, new_corners
 from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
 from miniloop_cli.tracking.motion import Measured, Motion, frame_motion
@@ -25,12 +25,11 @@ from miniloop_cli.tracking.surface import Surface, SurfaceMotion, make_surface, 
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
 MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
-FEW_POINTS = 60  # with fewer, depth and brightness are used as well
 SURE_SHARE = 0.2  # of the points that must agree without depth, as a dozen can agree by chance
 MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must also see
-CELLS_A_POINT = 100  # of a surface, as neighbouring cells share their errors
 LAG_S = 0.02  # between a colour image and its depth image
 NO_POINTS = np.zeros((0, 2), np.float32)
+STILL_PX = 0.3  # points that move less, in the median, may be a pattern of the sensor
 OUTLINE_PX = 7.0  # half of the window by which a point is followed
 
 
@@ -71,6 +70,10 @@ class _Followed(NamedTuple):
     rows: Ints
     px: Floats32
     measured: Measured
+
+    def still(self, key: _Key) -> bool:
+        """Whether they stay where they are in the image: then they may be a pattern of the sensor."""
+        return len(self.rows) > 0 and bool(np.median(np.abs(self.px - key.px[self.rows])) < STILL_PX)
 
 
 class _Tracker:
@@ -115,33 +118,23 @@ class _Tracker:
             self._observe(frame)
 
     def _linked(self, frame: TrackFrame, key: _Key) -> tuple[Link | None, bool]:
-        """The motion since the keyframe, None if nothing tells it; and whether the next frame can be linked to it, too.
-
-        With few points, depth and brightness tell the motion better, if they tell all directions; else each tells what
-        the other leaves open. It is never guessed: directions that nothing tells have no information.
-        """
+        """The motion since the keyframe, None if nothing tells it; whether the next frame can be linked to it, too."""
         predicted = self._predicted(abs(frame.stamp_s - self._stamp_s))
         points = self._followed(frame, key, predicted)
-        best = frame_motion(points.measured, predicted, self._camera)
-        if best and not (frame.has_depth or best.agrees.sum() >= SURE_SHARE * len(key.px)):
-            best = None
-        surface, known = None, None
-        if frame.has_depth and (best is None or best.agrees.sum() < FEW_POINTS):
-            surface = self._by_surface(frame, key, best.T_cam_key if best else predicted)
-        if surface:
-            known = PartialMotion(surface.T_cam_key, surface.information)
-            if not closed(surface.information):
-                best = frame_motion(points.measured, predicted, self._camera, known) or best
-        if best:
-            self._keep(key, points, best)
+        motion = frame_motion(points.measured, predicted, self._camera)
+        if motion and not (frame.has_depth or motion.agrees.sum() >= SURE_SHARE * len(key.px)):
+            motion = None
+        surface, still = None, motion is not None and points.still(key)
+        if frame.has_depth and (few(motion) or still):
+            surface = self._by_surface(frame, key, motion.T_cam_key if motion and not still else predicted, still)
+        link, motion, contradicted = choose(points.measured, motion, surface, self._camera)
+        if motion:
+            self._keep(key, points, motion)
         enough = self._found and len(self._px) >= self._settings.min_followed * key.count
-        # Where points can be followed again, a new keyframe begins.
-        enough |= bool(surface and surface.overlap > MIN_SURFACE) and not self._has_points(frame)
-        if surface and known and (best is None or closed(surface.information)):
-            return Link(*known, surface.cells // CELLS_A_POINT, known, by_surface=True), enough
-        if best is None:
-            return None, False
-        return Link(best.T_cam_key, best.information, int(best.agrees.sum()), known), enough
+        if link and link.surface and surface and surface.overlap > MIN_SURFACE:
+            # Where points can be followed again, a new keyframe begins.
+            enough |= contradicted or not self._has_points(frame)
+        return link, enough
 
     def _followed(self, frame: TrackFrame, key: _Key, predicted: Floats) -> _Followed:
         """The points of the keyframe that are found in this image."""
@@ -170,12 +163,15 @@ class _Tracker:
         key.px, key.contrast, key.p_key = key.px[rows], key.contrast[rows], key.p_key[rows]
         self._px, self._track, self._found = points.px[agrees], self._track[rows], True
 
-    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats) -> SurfaceMotion | None:
-        """The motion since the keyframe by depth and brightness; None if these do not fit."""
+    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats, still: bool) -> SurfaceMotion | None:
+        """The motion since the keyframe by depth and brightness; None if these do not fit.
+
+        The lag of depth makes it less certain, unless the camera stands `still`.
+        """
         key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
         motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
-        if motion is None:
-            return None
+        if motion is None or still:
+            return motion
         step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
         return motion._replace(information=_with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s)))
 

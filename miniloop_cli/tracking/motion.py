@@ -80,11 +80,16 @@ def frame_motion(
         return None
     information = H / (scale / SCALES_PX[0]) ** 2
     if known:
-        off = _apart(T, known.T_cam_key)
-        if scale == SCALES_PX[1] or off @ known.information @ off > MAX_CHI2:
+        if scale == SCALES_PX[1] or contradiction(T, known) > MAX_CHI2:
             return None
         information = information + known.information
     return Motion(T, information, agrees)
+
+
+def contradiction(T: Floats, known: PartialMotion) -> float:
+    """Squared distance of a motion T (4, 4) from what is known of it, in standard deviations."""
+    off = _apart(T, known.T_cam_key)
+    return float(off @ known.information @ off)
 
 
 def _apart(T: Floats, other: Floats) -> Floats:

@@ -244,21 +244,33 @@ def test_a_simulated_room_is_followed(tmp_path: Path, noise, deg, m):
     assert off[0].max() < deg and off[1].max() < m
 
 
-@pytest.mark.slow
-def test_noise_in_the_dark_is_not_followed(tmp_path: Path):
-    """Noise has corners. A new keyframe for each dark frame would add up the errors of all their motions."""
+def darkened(folder, dark, image):
+    """Errors (deg, m) of following a simulated room whose frames `dark` show what image(k) gives."""
     settings = SimulationSettings(frames=N, width=320, height=240, rate_hz=30, path_share=0.06)
-    folder, dark = write_sequence(tmp_path / "room", settings, seed=1), range(10, 30)
-    rng = np.random.default_rng(0)
-    for image in [sorted((folder / "rgb").iterdir())[k] for k in dark]:
-        noise = np.clip(rng.normal(4, 10, (240, 320, 3)), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(image), noise)
+    write_sequence(folder, settings, seed=1)
+    paths = sorted((folder / "rgb").iterdir())
+    for k in dark:
+        cv2.imwrite(str(paths[k]), np.clip(image(k), 0, 255).astype(np.uint8))
     true = true_trajectory(settings, np.random.default_rng(1))
     sequence = open_sequence(folder)
     part = track_part(sequence, Depth(), Tracking(), 0, N - 1)
+    return part, *errors(part, true.T_world_cam[np.searchsorted(true.timestamps_s, sequence.stamps_s - 1e-6)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fixed", [False, True])
+def test_noise_in_the_dark_is_not_followed(tmp_path: Path, fixed):
+    """Noise has corners. A new keyframe for each dark frame would add up the errors of all their motions.
+
+    A pattern that stands still on the sensor, `fixed`, looks like a camera at rest; depth contradicts it.
+    """
+    rng, dark = np.random.default_rng(0), range(10, 30)
+    pattern = rng.normal(4, 10, (240, 320, 3))
+    image = (
+        (lambda _: pattern + rng.normal(0, 1, pattern.shape)) if fixed else lambda _: rng.normal(4, 10, (240, 320, 3))
+    )
+    part, deg, m = darkened(tmp_path / "room", dark, image)
     linked = np.isin(np.arange(N), range(11, 30))
     assert (part.status[dark] == KEYFRAME).sum() <= 4
     assert part.by_surface[linked].all() and (part.key[linked] >= 0).all()
-    at = np.searchsorted(true.timestamps_s, sequence.stamps_s - 1e-6)
-    deg, m = errors(part, true.T_world_cam[at])
     assert deg.max() < 0.3 and m.max() < 0.01

@@ -1,0 +1,55 @@
+"""The motion of a frame, from points, from depth and brightness, or from what both leave of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from miniloop_cli.geometry.camera import Camera
+from miniloop_cli.scene.partial_motion import PartialMotion, closed
+from miniloop_cli.scene.tracked import Link
+from miniloop_cli.tracking.motion import MAX_CHI2, Measured, Motion, contradiction, frame_motion
+from miniloop_cli.tracking.surface import SurfaceMotion
+
+FEW_POINTS = 60  # with fewer, depth and brightness tell the motion better
+CELLS_A_POINT = 100  # of a surface, as neighbouring cells share their errors
+
+
+class Choice(NamedTuple):
+    """The link of a frame to its keyframe, None if nothing tells it; the motion of the points, None if they are not of
+    the scene or do not move together; whether they were contradicted."""
+
+    link: Link | None
+    by_points: Motion | None
+    contradicted: bool
+
+
+def few(motion: Motion | None) -> bool:
+    """Whether too few points tell the motion to be used alone."""
+    return motion is None or int(motion.agrees.sum()) < FEW_POINTS
+
+
+def choose(points: Measured, motion: Motion | None, surface: SurfaceMotion | None, camera: Camera) -> Choice:
+    """The best that is known of a motion: by points, their `motion` alone, and by depth and brightness.
+
+    Many points are used alone, unless depth contradicts them: then they are no points of the scene. With few, depth and
+    brightness tell the motion better, if they tell all directions; else each tells what the other leaves open. It is
+    never guessed: directions that nothing tells have no information.
+    """
+    if surface is None:
+        return Choice(_link(motion), motion, False)
+    known = PartialMotion(surface.T_cam_key, surface.information)
+    contradicted = motion is not None and not few(motion) and contradiction(motion.T_cam_key, known) > MAX_CHI2
+    if contradicted:
+        motion = None
+    elif not few(motion):
+        return Choice(_link(motion), motion, False)
+    whole = bool(closed(surface.information))
+    if not whole and not contradicted:
+        motion = frame_motion(points, surface.T_cam_key, camera, known) or motion
+    if whole or motion is None:
+        return Choice(Link(*known, surface.cells // CELLS_A_POINT, known, by_surface=True), motion, contradicted)
+    return Choice(_link(motion, known), motion, False)
+
+
+def _link(motion: Motion | None, surface: PartialMotion | None = None) -> Link | None:
+    return motion and Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()), surface)
