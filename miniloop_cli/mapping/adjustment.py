@@ -175,7 +175,8 @@ def settled(
     """
     seen = Observations.of(tracks, scans, settings.min_frames)
     seen = seen.subset(inside[seen.frame])
-    apart, terms = untied(seen.track, seen.frame, inside), list[MotionTerm]()
+    terms: list[MotionTerm] = []
+    apart = untied(seen.track, seen.frame, inside)
     across = edges.subset(np.isin(edges.pairs, apart).any(axis=1))
     if len(across):
         terms = [MotionTerm.of(across.pairs, across.T_j_i, across.information)]
