@@ -10,7 +10,7 @@ from miniloop_cli.typing import Bools, Floats
 
 MAX_SIGMA_RAD, MAX_SIGMA_M = 0.015, 0.02  # a less certain direction is open, by one measurement
 BELIEVED = np.array([MAX_SIGMA_RAD] * 3 + [MAX_SIGMA_M] * 3)
-MAX_OPENNESS = 3.0  # of a motion, with all that makes it less certain, such as depth of another time
+MAX_OPENNESS = 5.0  # of a motion, with all that makes it less certain, such as depth of another time in a fast turn
 LEAST = 1e-6  # information of a direction, with BELIEVED as units: less is rounding
 
 
