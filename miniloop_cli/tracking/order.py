@@ -33,13 +33,13 @@ def notes_on_order(tracked: Tracked) -> list[Note]:
 
 
 def followed_path(tracked: Tracked) -> Floats:
-    """T_world_cam (n, 4, 4) chained from keyframe to keyframe; NaN for frames not linked to an earlier one.
+    """T_world_cam (n, 4, 4) chained from keyframe to keyframe; NaN for frames whose motion since one is not known.
 
     After such a frame the path starts again at the identity.
     """
-    T = np.full((len(tracked), 4, 4), np.nan)
+    T, determined = np.full((len(tracked), 4, 4), np.nan), tracked.determined
     for k, key in enumerate(tracked.key.tolist()):
-        if 0 <= key < k:
+        if key < k and determined[k]:
             start = T[key] if np.isfinite(T[key, 0, 0]) else np.eye(4)
             T[key] = start
             T[k] = start @ se3.inverse(tracked.T_cam_key[k])

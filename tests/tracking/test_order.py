@@ -83,6 +83,14 @@ def test_exchanged_images_of_a_recording(frames, truth):
     assert not notes_on_order(by_depth), "a motion by depth alone is too inaccurate to say so"
 
 
+def test_a_motion_known_in_part_is_no_step_of_the_path(frames):
+    found = tracked(frames)
+    information = found.information.copy()
+    information[10] = np.diag([1e6, 1e6, 0, 0, 0, 1e6])
+    path = followed_path(replace(found, information=information, by_surface=np.arange(N) == 10))
+    assert np.isnan(path[10]).all() and np.isfinite(np.delete(path, 10, axis=0)).all()
+
+
 def test_a_frozen_image_is_told(frames):
     found = tracked(with_color(with_depth(frames, {7: 6, 8: 6, 9: 6}), {7: 6, 8: 6, 9: 6}))
     assert np.flatnonzero(found.repeat == Repeat.COLOR).tolist() == [7, 8, 9]
