@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
-PROBED = Artifact("probed", 4)
-TRACKED = Artifact("tracked", 17)
+PROBED = Artifact("probed", 5)
+TRACKED = Artifact("tracked", 18)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)

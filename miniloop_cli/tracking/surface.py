@@ -30,8 +30,10 @@ MAX_JUMP_SHARE, MAX_JUMP_M = 0.03, 0.06  # of depth: with more, two cells are no
 SHARED_CELLS = 20.0  # so many neighbouring cells count as one, as they share their errors
 PRIOR_RAD, PRIOR_M = 0.04, 0.04  # standard deviations of the predicted motion
 MAX_PRIOR_CHI2 = 16.0  # motions farther from it are rejected
-MIN_OVERLAP, MIN_FITTING = 0.3, 0.6  # of the cells with depth; and of those compared, within three sigmas
-LEAST_SHARE = 0.004  # of the best direction's information: less comes from the noise of normals
+MIN_OVERLAP, MIN_FITTING = 0.3, 0.9  # of the cells with depth; and of those compared, within three sigmas
+LEAST_SHARE = (
+    0.002  # of the best direction's information: less comes from the noise of normals, which gives up to 0.001
+)
 MIN_SLOPE_SIGMAS, ROUNDING_GRAY = 3.0, 0.3  # one of 8,000 slopes of noise is larger; noise of whole gray levels
 SETTLED = 1e-5
 
@@ -145,7 +147,7 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
     T, moved = se3.inverse(T_cam_key), np.zeros(6)
     offset = 0.0
     for _ in range(STEPS):
-        H, g, seen, _, offset = _equations(
+        H, g, seen, _, _, offset = _equations(
             key.points, key.normals, key.gray, key.slopes, now.points, now.gray, now.sigma_m, key.lens, T, offset
         )
         if seen < 100:
@@ -155,12 +157,12 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
         moved += step
         if np.abs(step).max() < SETTLED:
             break
-    H, _, seen, fitting, _ = _equations(
+    H, _, seen, compared, fitting, _ = _equations(
         key.points, key.normals, key.gray, key.slopes, now.points, now.gray, now.sigma_m, key.lens, T, offset
     )
     overlap = seen / max(int(np.isfinite(now.points[..., 2]).sum()), 1)
     astray = not moved @ prior @ moved < MAX_PRIOR_CHI2  # also where it is NaN
-    if overlap < MIN_OVERLAP or fitting < MIN_FITTING * seen or astray:
+    if overlap < MIN_OVERLAP or fitting < MIN_FITTING * compared or astray:
         return None
     found = se3.inverse(T)
     back = np.linalg.inv(se3.adjoint(found))
@@ -180,14 +182,14 @@ def _equations(
     lens: tuple[float, float, float, float],
     T: Floats,
     offset: float,
-) -> tuple[Floats, Floats, int, int, float]:
+) -> tuple[Floats, Floats, int, int, int, float]:
     """H (6, 6), g (6,) by steps (w, v) of [exp(w) | v] T_key_cam; cells compared, those that fit, brightness offset.
 
     Depth point to plane, brightness by the key's gradient, each under a Cauchy kernel. A cell fits where both do. The
     offset is by how much this frame is brighter, on average.
     """
     H, g, J, total = np.zeros((6, 6)), np.zeros(6), np.zeros(6), 0.0
-    seen, fitting = 0, 0
+    seen, compared, fitting = 0, 0, 0
     rows, columns = p_now.shape[0], p_now.shape[1]
     for v in range(rows):
         for u in range(columns):
@@ -211,6 +213,7 @@ def _equations(
             n0, n1, n2 = n_key[i, j, 0], n_key[i, j, 1], n_key[i, j, 2]
             if not np.isfinite(n0):
                 continue
+            compared += 1
             sigma = sigma_m[v, u]
             r = (n0 * (x - p_key[i, j, 0]) + n1 * (y - p_key[i, j, 1]) + n2 * (z - zk)) / sigma
             J[0], J[1], J[2] = (y * n2 - z * n1) / sigma, (z * n0 - x * n2) / sigma, (x * n1 - y * n0) / sigma
@@ -235,4 +238,4 @@ def _equations(
                 g[k] += w * J[k] * r
                 for m in range(6):
                     H[k, m] += w * J[k] * J[m]
-    return H, g, seen, fitting, total / max(seen, 1)
+    return H, g, seen, compared, fitting, total / max(compared, 1)
