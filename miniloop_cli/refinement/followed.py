@@ -79,7 +79,7 @@ def motions(between: Between, known: Bools, frames: Ints) -> list[MotionTerm]:
 
 
 def surface_motions(between: Between, known: Bools, frames: Ints) -> list[MotionTerm]:
-    """The same motions by depth and brightness alone, for frames (m,) whose points are measured themselves."""
+    """The same motions by depth and brightness alone, for frames (m,) with measured points; `known` (n,) as above."""
     tracked = between.tracked
     return _terms(between, known, frames, tracked.T_by_surface, tracked.surface_information)
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from miniloop_cli.runtime.artifact_store import Artifact
 
-PROBED = Artifact("probed", 5)
-TRACKED = Artifact("tracked", 18)
+PROBED = Artifact("probed", 6)
+TRACKED = Artifact("tracked", 19)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)

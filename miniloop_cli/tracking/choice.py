@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
+from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.partial_motion import PartialMotion, closed
 from miniloop_cli.scene.tracked import Link
 from miniloop_cli.tracking.motion import MAX_CHI2, Measured, Motion, contradiction, frame_motion
 from miniloop_cli.tracking.surface import SurfaceMotion
+from miniloop_cli.typing import Floats
 
 FEW_POINTS = 60  # with fewer, depth and brightness tell the motion better
 CELLS_A_POINT = 100  # of a surface, as neighbouring cells share their errors
+LAG_S = 0.02  # between a colour image and its depth image
 
 
 class Choice(NamedTuple):
@@ -53,3 +58,13 @@ def choose(points: Measured, motion: Motion | None, surface: SurfaceMotion | Non
 
 def _link(motion: Motion | None, surface: PartialMotion | None = None) -> Link | None:
     return motion and Link(motion.T_cam_key, motion.information, int(motion.agrees.sum()), surface)
+
+
+def with_lag(information: Floats, step: Floats, elapsed_s: float) -> Floats:
+    """The information (6, 6) of a motion by depth, where the depth image was taken up to LAG_S from its colour image.
+
+    step (4, 4): motion of the camera in the last `elapsed_s` seconds; the velocity is assumed constant.
+    """
+    moved = np.linalg.norm([se3.log_so3(step[:3, :3]), step[:3, 3]], axis=1) * LAG_S / max(elapsed_s, LAG_S)
+    late = np.repeat(moved**2, 3) + 1e-12
+    return np.asarray(np.linalg.inv(np.linalg.inv(information + 1e-9 * np.eye(6)) + np.diag(late)))

@@ -17,7 +17,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
-from miniloop_cli.tracking.choice import FEW_POINTS, choose, few
+from miniloop_cli.tracking.choice import FEW_POINTS, choose, few, with_lag
 from miniloop_cli.tracking.flow import contrasts, follow, new_corners
 from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
 from miniloop_cli.tracking.motion import Measured, Motion, frame_motion
@@ -27,7 +27,6 @@ from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
 SURE_SHARE = 0.2  # of the points that must agree without depth, as a dozen can agree by chance
 MIN_SURFACE = 0.6  # of a frame's cells with depth that the keyframe must also see
-LAG_S = 0.02  # between a colour image and its depth image
 NO_POINTS = np.zeros((0, 2), np.float32)
 STILL_PX = 0.3  # points that move less, in the median, may be a pattern of the sensor
 OUTLINE_PX = 7.0  # half of the window by which a point is followed
@@ -86,6 +85,7 @@ class _Tracker:
     def __init__(self, camera: Camera, depth: Depth, settings: Tracking, part: TrackedPart, tracks: int = 0) -> None:
         self._camera, self._depth, self._settings, self._part = camera, depth, settings, part
         self._key: _Key | None = None
+        self._last: TrackFrame | None = None  # the last frame, if it can become a keyframe
         self._px, self._track = NO_POINTS, np.zeros(0, np.int64)
         self._found, self.tracks = False, tracks
         self._T_cam_key = np.eye(4)
@@ -95,8 +95,7 @@ class _Tracker:
 
     def add(self, frame: TrackFrame, last: bool) -> None:
         """Link a frame to the last keyframe, or make it a keyframe; the `last` one becomes one in any case."""
-        self._found = False
-        link, enough = self._linked(frame, self._key) if self._key else (None, False)
+        link, enough = self._tried(frame)
         followed = link is not None and link.determined
         if self._key and link:
             # Also a motion that is known in part takes part in the adjustment, if other things tell the frame's pose.
@@ -113,9 +112,25 @@ class _Tracker:
             elif not followed:
                 text = "the image has no depth, and no points tie it to a keyframe"
                 self._part.set(frame.number, TrackStatus.NO_DEPTH, text)
+        self._last = frame if followed and self._key and self._key.frame is not frame and frame.has_depth else None
         self._stamp_s, self._before = frame.stamp_s, frame.gray
         if self._found:
             self._observe(frame)
+
+    def _tried(self, frame: TrackFrame) -> tuple[Link | None, bool]:
+        """As `_linked`; where the keyframe does not tell the motion, the last frame becomes one, as it is nearer."""
+        if self._key is None:
+            return None, False
+        there = self._px, self._track, self._found
+        self._found = False
+        link, enough = self._linked(frame, self._key)
+        if (link and link.determined) or self._last is None:
+            return link, enough
+        (self._px, self._track, self._found), known = there, self.tracks
+        self._make_key(self._last)
+        self._observe(self._last, known)
+        self._found = False
+        return self._linked(frame, self._key)
 
     def _linked(self, frame: TrackFrame, key: _Key) -> tuple[Link | None, bool]:
         """The motion since the keyframe, None if nothing tells it; whether the next frame can be linked to it, too."""
@@ -173,7 +188,7 @@ class _Tracker:
         if motion is None or still:
             return motion
         step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
-        return motion._replace(information=_with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s)))
+        return motion._replace(information=with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s)))
 
     def _has_points(self, frame: TrackFrame) -> bool:
         """Whether a frame has points that can be followed; noise has corners, but no two images have the same."""
@@ -221,21 +236,13 @@ class _Tracker:
         self._T_cam_key = np.eye(4)
         self._part.set(frame.number, TrackStatus.KEYFRAME)
 
-    def _observe(self, frame: TrackFrame) -> None:
-        px, depth_m = self._px.astype(float), frame.scan.depth_m
+    def _observe(self, frame: TrackFrame, since: int = 0) -> None:
+        """Write where the points of tracks from number `since` on are in a frame."""
+        px, depth_m = self._px[self._track >= since].astype(float), frame.scan.depth_m
         z_m = depth_at(depth_m, px, self._depth)
         number, slope = np.full(len(px), frame.number), depth_slope(depth_m, px, z_m, self._depth)
-        self._part.observe(Observations(number, self._track, px, self._camera.undistort(px), z_m, slope))
-
-
-def _with_lag(information: Floats, step: Floats, elapsed_s: float) -> Floats:
-    """The information (6, 6) of a motion by depth, where the depth image was taken up to LAG_S from its colour image.
-
-    step (4, 4): motion of the camera in the last `elapsed_s` seconds; the velocity is assumed constant.
-    """
-    moved = np.linalg.norm([se3.log_so3(step[:3, :3]), step[:3, 3]], axis=1) * LAG_S / max(elapsed_s, LAG_S)
-    late = np.repeat(moved**2, 3) + 1e-12
-    return np.asarray(np.linalg.inv(np.linalg.inv(information + 1e-9 * np.eye(6)) + np.diag(late)))
+        track = self._track[self._track >= since]
+        self._part.observe(Observations(number, track, px, self._camera.undistort(px), z_m, slope))
 
 
 def _on_outline(scan: Scan, px: Floats32, depth: Depth) -> Bools:

@@ -30,7 +30,7 @@ MAX_JUMP_SHARE, MAX_JUMP_M = 0.03, 0.06  # of depth: with more, two cells are no
 SHARED_CELLS = 20.0  # so many neighbouring cells count as one, as they share their errors
 PRIOR_RAD, PRIOR_M = 0.04, 0.04  # standard deviations of the predicted motion
 MAX_PRIOR_CHI2 = 16.0  # motions farther from it are rejected
-MIN_OVERLAP, MIN_FITTING = 0.3, 0.9  # of the cells with depth; and of those compared, within three sigmas
+MIN_OVERLAP, MIN_FITTING = 0.3, 0.8  # of the cells with depth; and of those compared, within three sigmas
 LEAST_SHARE = (
     0.002  # of the best direction's information: less comes from the noise of normals, which gives up to 0.001
 )

@@ -97,12 +97,13 @@ def test_cloud_grows_coarser_instead_of_larger():
 
 
 def test_sorted_parts_are_joined_as_they_are_merged(rng):
-    one, two = (merge(rng.integers(0, 900, 500), rng.uniform(0, 255, (500, 7))) for _ in range(2))
+    one, two, three = (merge(rng.integers(0, 900, 500), rng.uniform(0, 255, (500, 7))) for _ in range(3))
     nothing = np.zeros(0, np.int64), np.zeros((0, 7))
-    for a, b in ((one, two), (one, nothing), (nothing, two), (nothing, nothing)):
-        expected = merge(*(np.concatenate(both) for both in zip(a, b, strict=True)))
-        for found, right in zip(joined(a, b), expected, strict=True):
-            np.testing.assert_array_equal(found, right)
+    for parts in ([one, two], [one, nothing], [nothing, two], [nothing, nothing], [one], [one, two, three, two]):
+        expected = merge(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        copies = [tuple(column.copy() for column in part) for part in parts]  # the first one may be changed
+        for found, right in zip(joined(copies), expected, strict=True):
+            np.testing.assert_allclose(found, right, rtol=1e-12)
 
 
 def test_cloud_leaves_out_what_is_not_finite_or_alone():

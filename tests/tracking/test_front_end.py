@@ -245,12 +245,12 @@ def test_a_simulated_room_is_followed(tmp_path: Path, noise, deg, m):
 
 
 def darkened(folder, dark, image):
-    """Errors (deg, m) of following a simulated room whose frames `dark` show what image(k) gives."""
+    """Errors (deg, m) of following a simulated room whose frames `dark` show what image(k, before) gives."""
     settings = SimulationSettings(frames=N, width=320, height=240, rate_hz=30, path_share=0.06)
     write_sequence(folder, settings, seed=1)
     paths = sorted((folder / "rgb").iterdir())
     for k in dark:
-        cv2.imwrite(str(paths[k]), np.clip(image(k), 0, 255).astype(np.uint8))
+        cv2.imwrite(str(paths[k]), np.clip(image(k, cv2.imread(str(paths[k]))), 0, 255).astype(np.uint8))
     true = true_trajectory(settings, np.random.default_rng(1))
     sequence = open_sequence(folder)
     part = track_part(sequence, Depth(), Tracking(), 0, N - 1)
@@ -267,10 +267,25 @@ def test_noise_in_the_dark_is_not_followed(tmp_path: Path, fixed):
     rng, dark = np.random.default_rng(0), range(10, 30)
     pattern = rng.normal(4, 10, (240, 320, 3))
     image = (
-        (lambda _: pattern + rng.normal(0, 1, pattern.shape)) if fixed else lambda _: rng.normal(4, 10, (240, 320, 3))
+        (lambda *_: pattern + rng.normal(0, 1, pattern.shape)) if fixed else lambda *_: rng.normal(4, 10, (240, 320, 3))
     )
     part, deg, m = darkened(tmp_path / "room", dark, image)
     linked = np.isin(np.arange(N), range(11, 30))
     assert (part.status[dark] == KEYFRAME).sum() <= 4
     assert part.by_surface[linked].all() and (part.key[linked] >= 0).all()
     assert deg.max() < 0.3 and m.max() < 0.01
+
+
+@pytest.mark.slow
+def test_where_a_keyframe_tells_nothing_more_the_last_frame_becomes_one(tmp_path: Path):
+    """The light fades: the brightness of a frame is nearer to that of the last one than to that of the keyframe."""
+    light = np.interp(np.arange(N), [8, 13, 33, 38], [1.0, 0.02, 0.02, 1.0])
+    rng = np.random.default_rng(0)
+    part, deg, m = darkened(
+        tmp_path / "room", range(8, 38), lambda k, before: light[k] * before + 4 + rng.normal(0, 3, before.shape)
+    )
+    assert part.determined[1:].all()
+    assert deg.max() < 0.3 and m.max() < 0.01
+    seen = part.arrays()
+    places = np.stack([seen["seen_frame"], seen["seen_track"]], axis=1)
+    assert len(np.unique(places, axis=0)) == len(places)  # a frame that became a keyframe later sees no point twice
