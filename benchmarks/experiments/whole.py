@@ -161,7 +161,7 @@ def draw(rows: Sequence[Row]) -> Figure:
     axes = figure.subplots()
     for row in rows:
         if row["ate_cm"] is not None:
-            axes.plot(row["cpu_s"], row["ate_cm"], "o")
-            axes.annotate(f"{row['program']}, {row['sequence']}", (row["cpu_s"], row["ate_cm"]), fontsize=7)
-    axes.set(xlabel="CPU seconds", ylabel="ATE [cm]", xscale="log", ylim=(0, None))
+            axes.plot(row["cpu_s"], row["ate_cm"], "o", label=f"{row['program']}, {row['sequence']}")
+    axes.set(xlabel="CPU seconds", ylabel="ATE [cm]", xlim=(0, None), ylim=(0, None))
+    figure.legend(loc="outside lower center", fontsize="small")
     return figure

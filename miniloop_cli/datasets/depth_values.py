@@ -44,7 +44,7 @@ def understand_depth(sequence: Sequence) -> Sequence:
     for value, share in no_readings(sample, form.no_reading):
         values.append(value)
         text = f"depth {value:g} ({value / sequence.camera.depth_scale:.2f} m) is read as missing depth: "
-        text += f"{100 * share:.0f} % of the pixels hold it, and it is far from all other depths"
+        text += f"{100 * share:.2g} % of the pixels hold it, and it is far from all other depths"
         notes.append(Note(NoteKind.ASSUMED, text))
     if sequence.camera.depth_scale_assumed and not form.floating:
         notes.append(_scale_note(sequence, sample, (*form.no_reading, *values)))

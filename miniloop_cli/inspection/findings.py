@@ -106,7 +106,7 @@ def _no_reading(numbers: Numbers) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "no-reading",
-            f"{100 * found['share']:.0f} % of the pixels hold the depth {found['value']:g} ({found['m']:.2f} m), far "
+            f"{100 * found['share']:.2g} % of the pixels hold the depth {found['value']:g} ({found['m']:.2f} m), far "
             "from all other depths: this value is read as missing depth",
             "do nothing if the sensor marks missing depth by this value; if a surface is there, store 0 for missing "
             "depth",
