@@ -178,6 +178,7 @@ def test_a_bare_wall_tells_the_distance_and_two_turns(truth):
     assert (np.einsum("ka,kab,kb->k", step, part.information[linked], step) < 10).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spots", [2, 4])
 def test_a_few_spots_on_a_wall_are_enough(spots):
     """Brightness alone was once 2 cm off on such a wall, and points alone half a centimetre."""
