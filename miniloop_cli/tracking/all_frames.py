@@ -44,14 +44,15 @@ def priors_among(priors: Priors, rows: Ints, n: int) -> Priors:
 
 def with_followed(edges: EdgeTable, tracked: Tracked) -> EdgeTable:
     """The edges, and edges from tracked points between neighbouring keyframes that no verified edge joins."""
-    keyframes, determined = tracked.keyframes, tracked.determined
+    keyframes = tracked.keyframes
     row = np.full(len(tracked), -1)
     row[keyframes] = np.arange(len(keyframes))
     verified = set(map(tuple, edges.pairs[edges.verified].tolist()))
     more = []
-    for j, frame in enumerate(keyframes.tolist()):
-        i = int(row[tracked.key[frame]]) if tracked.key[frame] >= 0 else -1
-        if not determined[frame] or (i, j) in verified:
+    for j in np.flatnonzero(tracked.determined[keyframes]).tolist():
+        frame = keyframes[j]
+        i = int(row[tracked.key[frame]])
+        if (i, j) in verified:
             continue
         more.append(
             Edge(

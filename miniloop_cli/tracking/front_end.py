@@ -153,10 +153,6 @@ class _Tracker:
 
     def _followed(self, frame: TrackFrame, key: _Key, predicted: Floats) -> _Followed:
         """The points of the keyframe that are found in this image."""
-        if not len(key.px):
-            return _Followed(
-                np.zeros(0, np.int64), NO_POINTS, Measured(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
-            )
         before, after = key.frame.gray, frame.gray
         found, good = follow(before, after, key.px, key.contrast, self._guess(key, predicted), sure=True)
         if good.sum() < 0.5 * len(key.px):
