@@ -225,7 +225,9 @@ class Bundle(Section):
         3000, ge=2, description="With more scans only the pose graph is refined, which saves time and memory."
     )
     partners: int = Field(
-        15, ge=1, description="Number of scans that each scan is matched with again, guided by the poses."
+        15,
+        ge=1,
+        description="Each scan is matched again, near predicted positions, with this many by matches and by view.",
     )
     radius_px: float = Field(8.0, gt=0, description="Search radius around a feature's predicted position (px).")
     max_distance2: float = Field(0.3, gt=0, description="Largest squared descriptor distance of a guided match.")

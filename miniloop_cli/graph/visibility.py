@@ -9,8 +9,9 @@ import numpy as np
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.kernels import njit
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.points import ScanPoints
-from miniloop_cli.typing import Floats, Ints, Pair
+from miniloop_cli.typing import Bools, Floats, Ints, Pair
 
 SAMPLE = 100  # points that stand for a scan
 MIN_SHARE = 0.3  # of them that must be in view of the other scan
@@ -49,6 +50,36 @@ def partners(
         for b in near[np.argsort(-share[near], kind="stable")][:most]:
             pairs.add((int(min(scans[a], scans[b])), int(max(scans[a], scans[b]))))
     return sorted(pairs)
+
+
+def best_partners(
+    T_world_cam: Floats,
+    scans: Ints,
+    points: Sequence[ScanPoints],
+    camera: Camera,
+    most: int,
+    edges: EdgeTable,
+) -> list[Pair]:
+    """`partners`, and each scan with the `most` scans that it has most matches with by `edges`; sorted.
+
+    T_world_cam (n, 4, 4); scans (k,) rows of the poses.
+    By views alone, in a place that is visited often, scans from other times crowd out a scan's neighbours, which have
+    more and better matches: tracks break there, and the map bends.
+    """
+    inside = edges.subset(np.isin(edges.pairs, scans).all(axis=1))
+    strongest = inside.pairs[_among_the_strongest(inside.pairs, inside.inlier_count, most)]
+    by_matches = [(min(a, b), max(a, b)) for a, b in strongest.tolist()]
+    return sorted({*partners(T_world_cam, scans, points, camera, most), *by_matches})
+
+
+def _among_the_strongest(pairs: Ints, strength: Ints, most: int) -> Bools:
+    """(m,) whether each of the pairs (m, 2) is among the `most` strongest ones of one of its ends."""
+    end, edge = pairs.T.ravel(), np.tile(np.arange(len(pairs)), 2)
+    order = np.lexsort((edge, -strength[edge], end))
+    rank = np.arange(len(order)) - np.searchsorted(end[order], end[order])
+    kept = np.zeros(len(pairs), bool)
+    kept[edge[order[rank < most]]] = True
+    return kept
 
 
 def pairs_in_view(

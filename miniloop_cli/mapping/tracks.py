@@ -10,9 +10,10 @@ import numpy as np
 from miniloop_cli.config import Bundle
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.visibility import partners
+from miniloop_cli.graph.visibility import best_partners
 from miniloop_cli.refinement.tracks import Tracks, build_tracks
 from miniloop_cli.runtime.parallel import Workers
+from miniloop_cli.scene.edge import EdgeTable
 from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.scene_map import MapPoints
 from miniloop_cli.typing import Bools, Floats, Ints, Pair
@@ -29,9 +30,9 @@ def matched_again(
     return guided_matches(pairs, T_j_i, scans.features, scans.feature_type, scans.camera, settings, workers)
 
 
-def near_pairs(T_world_cam: Floats, inside: Ints, scans: ScanSet, settings: Bundle) -> list[Pair]:
-    """Pairs of the keyframes `inside` (k,) with most overlap by the poses T_world_cam (K, 4, 4) of all."""
-    return partners(T_world_cam, inside, scans.points, scans.camera, settings.partners)
+def near_pairs(T_world_cam: Floats, inside: Ints, edges: EdgeTable, scans: ScanSet, settings: Bundle) -> list[Pair]:
+    """Pairs of the keyframes `inside` (k,) that see the same: by edges, then by the poses T_world_cam (K, 4, 4)."""
+    return best_partners(T_world_cam, inside, scans.points, scans.camera, settings.partners, edges)
 
 
 def matches_of_points(points: MapPoints, first_feature: Ints) -> tuple[Ints, list[Ints]]:

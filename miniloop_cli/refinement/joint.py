@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from miniloop_cli.config import Bundle, Refinement
 from miniloop_cli.features.guided import guided_matches
 from miniloop_cli.geometry import se3
-from miniloop_cli.graph.visibility import partners
+from miniloop_cli.graph.visibility import best_partners
 from miniloop_cli.refinement.bundle import BundleResult, BundleSettings
 from miniloop_cli.refinement.followed import followed_measurements, joined, motions, surface_motions, weakly_measured
 from miniloop_cli.refinement.gravity import upright
@@ -133,7 +133,7 @@ def _bundle(
     rough = BundleSettings(depth_sigma_factor=settings.depth_sigma_factor, relative_tolerance=1e-3, covariance=False)
     T = adjust(poses.T_world_cam, first, scans.camera, rough, jobs).T_world_cam
 
-    pairs = partners(T, poses.registered, scans.points, scans.camera, settings.partners)
+    pairs = best_partners(T, poses.registered, scans.points, scans.camera, settings.partners, inside)
     matches = _guided(T, pairs, scans, settings, workers)
     stamps_s, accelerometer, keyframes = scans.stamps_s, scans.accelerometer, np.arange(len(T))
     if between:

@@ -159,7 +159,7 @@ def _at_rest(
 
     while far.any():
         again = again | far
-        tracks, points = _tracks(known, T, inside, again, scans, settings, run)
+        tracks, points = _tracks(known, T, edges, inside, again, scans, settings, run)
         seen = Observations.of(tracks, scans, settings.bundle.min_frames)
         found = adjusted(points, far | (shared_tracks(seen, far) >= MIN_SHARED), NEARLY_AT_REST)
         T, far = found.T_world_cam, moved_far()
@@ -170,7 +170,14 @@ def _at_rest(
 
 
 def _tracks(
-    known: MapPoints, T: Floats, inside: Bools, again: Bools, scans: ScanSet, settings: Settings, run: Run
+    known: MapPoints,
+    T: Floats,
+    edges: EdgeTable,
+    inside: Bools,
+    again: Bools,
+    scans: ScanSet,
+    settings: Settings,
+    run: Run,
 ) -> tuple[Tracks, Floats]:
     """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,).
 
@@ -179,7 +186,7 @@ def _tracks(
     Some matches near the predicted positions are false. A few per cent of them bend a large map by centimetres, so
     those that contradict the points at the poses T (K, 4, 4) are left out.
     """
-    near = near_pairs(T, np.flatnonzero(inside), scans, settings.bundle)
+    near = near_pairs(T, np.flatnonzero(inside), edges, scans, settings.bundle)
     near = [pair for pair in near if again[pair[0]] or again[pair[1]]]
     matches = matched_again(T, near, scans, settings.bundle, run.workers)
     rest = without_keyframes(known, again, scans.first_feature)

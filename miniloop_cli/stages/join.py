@@ -59,11 +59,11 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         start = whole_recordings(T, poses, inside, of_part)
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
-    tracks = _tracks(parts, T, piece[of_part], scans, used, settings, run)
+    usable = edges.subset(edges.verified)
+    tracks = _tracks(parts, T, piece[of_part], scans, usable, used, settings, run)
     seen = landmarks(scans.points, T, tracks)
     tracks = agreeing(tracks, seen, scans.first_feature)
     points = known_points(seen, tracks, scans.first_feature)
-    usable = edges.subset(edges.verified)
     for together in np.flatnonzero(np.bincount(piece) > 1):
         inside = piece[of_part] == together
         if settings.refine == "bundle":
@@ -79,11 +79,19 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
 
 
 def _tracks(
-    parts: Sequence[MapPart], T: Floats, piece: Ints, scans: ScanSet, used: EdgeTable, settings: Settings, run: Run
+    parts: Sequence[MapPart],
+    T: Floats,
+    piece: Ints,
+    scans: ScanSet,
+    edges: EdgeTable,
+    used: EdgeTable,
+    settings: Settings,
+    run: Run,
 ) -> Tracks:
     """Tracks of the map: for keyframes refined together, from guided matches at their poses, as in `extend`.
 
-    piece (K,): of each keyframe. Single recordings have the tracks of their edges.
+    piece (K,): of each keyframe; edges: all verified ones; used: those between recordings of a piece. Single recordings
+    have the tracks of their edges.
     """
     pairs, matches = matches_of_edges(parts, used)
     of_part = recording_of_keyframes(parts)
@@ -91,7 +99,7 @@ def _tracks(
     own = np.flatnonzero(~several[piece[pairs[:, 0]]])
     pairs, matches = pairs[own], [matches[e] for e in own]
     for number in np.flatnonzero(several):
-        near = near_pairs(T, np.flatnonzero(piece == number), scans, settings.bundle)
+        near = near_pairs(T, np.flatnonzero(piece == number), edges, scans, settings.bundle)
         pairs = np.concatenate([pairs, np.array(near, np.int64).reshape(-1, 2)])
         matches += matched_again(T, near, scans, settings.bundle, run.workers)
     return build_tracks(scans.first_feature, pairs, matches)
