@@ -8,7 +8,7 @@ from __future__ import annotations
 from miniloop_cli.runtime.artifact_store import Artifact
 
 PROBED = Artifact("probed", 6)
-TRACKED = Artifact("tracked", 19)
+TRACKED = Artifact("tracked", 20)
 FEATURES = Artifact("features", 1)
 MATCHES = Artifact("matches", 1)
 EDGES = Artifact("edges", 2)

@@ -10,7 +10,7 @@ from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.partial_motion import PartialMotion, closed
 from miniloop_cli.scene.tracked import Link
-from miniloop_cli.tracking.motion import MAX_CHI2, Measured, Motion, contradiction, frame_motion
+from miniloop_cli.tracking.motion import Measured, Motion, frame_motion
 from miniloop_cli.tracking.surface import SurfaceMotion
 from miniloop_cli.typing import Floats
 
@@ -20,12 +20,11 @@ LAG_S = 0.02  # between a colour image and its depth image
 
 
 class Choice(NamedTuple):
-    """The link of a frame to its keyframe, None if nothing tells it; the motion of the points, None if they are not of
-    the scene or do not move together; whether they were contradicted."""
+    """The link of a frame to its keyframe, None if nothing tells it; the motion of the points, None if they do not move
+    together."""
 
     link: Link | None
     by_points: Motion | None
-    contradicted: bool
 
 
 def few(motion: Motion | None) -> bool:
@@ -36,24 +35,18 @@ def few(motion: Motion | None) -> bool:
 def choose(points: Measured, motion: Motion | None, surface: SurfaceMotion | None, camera: Camera) -> Choice:
     """The best that is known of a motion: by points, their `motion` alone, and by depth and brightness.
 
-    Many points are used alone, unless depth contradicts them: then they are no points of the scene. With few, depth and
-    brightness tell the motion better, if they tell all directions; else each tells what the other leaves open. It is
-    never guessed: directions that nothing tells have no information.
+    Many points are used alone. With few, depth and brightness tell the motion better, if they tell all directions; else
+    each tells what the other leaves open. It is never guessed: directions that nothing tells have no information.
     """
-    if surface is None:
-        return Choice(_link(motion), motion, False)
+    if surface is None or not few(motion):
+        return Choice(_link(motion), motion)
     known = PartialMotion(surface.T_cam_key, surface.information)
-    contradicted = motion is not None and not few(motion) and contradiction(motion.T_cam_key, known) > MAX_CHI2
-    if contradicted:
-        motion = None
-    elif not few(motion):
-        return Choice(_link(motion), motion, False)
     whole = bool(closed(surface.information))
-    if not whole and not contradicted:
+    if not whole:
         motion = frame_motion(points, surface.T_cam_key, camera, known) or motion
     if whole or motion is None:
-        return Choice(Link(*known, surface.cells // CELLS_A_POINT, known, by_surface=True), motion, contradicted)
-    return Choice(_link(motion, known), motion, False)
+        return Choice(Link(*known, surface.cells // CELLS_A_POINT, known, by_surface=True), motion)
+    return Choice(_link(motion, known), motion)
 
 
 def _link(motion: Motion | None, surface: PartialMotion | None = None) -> Link | None:

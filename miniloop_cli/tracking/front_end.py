@@ -18,10 +18,11 @@ from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.scene.tracked import Link, Observations, TrackedPart, TrackStatus
 from miniloop_cli.tracking.choice import FEW_POINTS, choose, few, with_lag
+from miniloop_cli.tracking.depth_alone import Seen, seen_motion
 from miniloop_cli.tracking.flow import contrasts, follow, new_corners
 from miniloop_cli.tracking.frames import TrackFrame, readable_frames, told_apart
-from miniloop_cli.tracking.motion import Measured, Motion, frame_motion
-from miniloop_cli.tracking.surface import Surface, SurfaceMotion, make_surface, surface_motion
+from miniloop_cli.tracking.motion import MIN_HELPED, NOTHING_MEASURED, Measured, Motion, frame_motion
+from miniloop_cli.tracking.surface import Surface, make_surface
 from miniloop_cli.typing import Bools, Bytes, Floats, Floats32, Ints
 
 MAX_PREDICTED_S = 0.2  # longest time over which a motion is extrapolated
@@ -72,7 +73,7 @@ class _Followed(NamedTuple):
 
     def still(self, key: _Key) -> bool:
         """Whether they stay where they are in the image: then they may be a pattern of the sensor."""
-        return len(self.rows) > 0 and bool(np.median(np.abs(self.px - key.px[self.rows])) < STILL_PX)
+        return len(self.rows) >= MIN_HELPED and bool(np.median(np.abs(self.px - key.px[self.rows])) < STILL_PX)
 
 
 class _Tracker:
@@ -139,16 +140,19 @@ class _Tracker:
         motion = frame_motion(points.measured, predicted, self._camera)
         if motion and not (frame.has_depth or motion.agrees.sum() >= SURE_SHARE * len(key.px)):
             motion = None
-        surface, still = None, motion is not None and points.still(key)
+        surface, on_sensor, measured, still = None, False, points.measured, points.still(key)
         if frame.has_depth and (few(motion) or still):
-            surface = self._by_surface(frame, key, motion.T_cam_key if motion and not still else predicted, still)
-        link, motion, contradicted = choose(points.measured, motion, surface, self._camera)
+            start = motion.T_cam_key if motion and not still else predicted
+            surface, on_sensor = self._by_surface(frame, key, start, still)
+            if on_sensor:
+                motion, measured = None, NOTHING_MEASURED
+        link, motion = choose(measured, motion, surface, self._camera)
         if motion:
             self._keep(key, points, motion)
         enough = self._found and len(self._px) >= self._settings.min_followed * key.count
         if link and link.surface and surface and surface.overlap > MIN_SURFACE:
             # Where points can be followed again, a new keyframe begins.
-            enough |= contradicted or not self._has_points(frame)
+            enough |= on_sensor or not self._has_points(frame)
         return link, enough
 
     def _followed(self, frame: TrackFrame, key: _Key, predicted: Floats) -> _Followed:
@@ -174,17 +178,19 @@ class _Tracker:
         key.px, key.contrast, key.p_key = key.px[rows], key.contrast[rows], key.p_key[rows]
         self._px, self._track, self._found = points.px[agrees], self._track[rows], True
 
-    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats, still: bool) -> SurfaceMotion | None:
-        """The motion since the keyframe by depth and brightness; None if these do not fit.
+    def _by_surface(self, frame: TrackFrame, key: _Key, start: Floats, still: bool) -> Seen:
+        """The motion since the keyframe by depth and brightness.
 
-        The lag of depth makes it less certain, unless the camera stands `still`.
+        The lag of depth makes it less certain, unless points stand `still`.
         """
         key.surface = key.surface or make_surface(key.frame.scan, key.frame.gray, self._camera, self._depth)
-        motion = surface_motion(key.surface, make_surface(frame.scan, frame.gray, self._camera, self._depth), start)
-        if motion is None or still:
-            return motion
+        now = make_surface(frame.scan, frame.gray, self._camera, self._depth)
+        motion, on_sensor = seen_motion(key.surface, now, start, still)
+        if motion is None or (still and not on_sensor):
+            return Seen(motion, on_sensor)
         step = motion.T_cam_key @ se3.inverse(self._T_cam_key)
-        return motion._replace(information=with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s)))
+        information = with_lag(motion.information, step, abs(frame.stamp_s - self._stamp_s))
+        return Seen(motion._replace(information=information), on_sensor)
 
     def _has_points(self, frame: TrackFrame) -> bool:
         """Whether a frame has points that can be followed; noise has corners, but no two images have the same."""

@@ -32,6 +32,9 @@ class Measured(NamedTuple):
     z_m: Floats
 
 
+NOTHING_MEASURED = Measured(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+
+
 class Motion(NamedTuple):
     """T_cam_key (4, 4): points of the key camera in this one; information (6, 6) of (w, v) in [exp(w) | v] T_cam_key;
     `agrees` (n,): the points that move like this."""

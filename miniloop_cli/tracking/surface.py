@@ -141,7 +141,13 @@ def _normals(points: Floats) -> Floats:
     return normals
 
 
-def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMotion | None:
+def surface_motion(
+    key: Surface,
+    now: Surface,
+    T_cam_key: Floats,
+    min_overlap: float = MIN_OVERLAP,
+    min_fitting: float = MIN_FITTING,
+) -> SurfaceMotion | None:
     """The motion between two surfaces, by a search near T_cam_key (4, 4); None if they do not fit each other."""
     prior = np.diag([PRIOR_RAD**-2.0] * 3 + [PRIOR_M**-2.0] * 3)
     T, moved = se3.inverse(T_cam_key), np.zeros(6)
@@ -162,7 +168,7 @@ def surface_motion(key: Surface, now: Surface, T_cam_key: Floats) -> SurfaceMoti
     )
     overlap = seen / max(int(np.isfinite(now.points[..., 2]).sum()), 1)
     astray = not moved @ prior @ moved < MAX_PRIOR_CHI2  # also where it is NaN
-    if overlap < MIN_OVERLAP or fitting < MIN_FITTING * compared or astray:
+    if overlap < min_overlap or fitting < min_fitting * compared or astray:
         return None
     found = se3.inverse(T)
     back = np.linalg.inv(se3.adjoint(found))
