@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from miniloop_cli.datasets.trajectory import read_trajectory
+from miniloop_cli.errors import MiniloopError
 from miniloop_cli.geometry import se3
 from miniloop_cli.mapping.pieces import moved_onto
 
@@ -62,15 +63,18 @@ def _numbers(result: Path) -> dict[str, Any]:
 
 
 def _run(*arguments: object) -> tuple[float, float, float]:
-    """CPU seconds, wall seconds and peak MB of a command."""
+    """CPU seconds, wall seconds and peak MB of a command. Raises MiniloopError if it fails."""
     code = (
         "import json, resource, subprocess, sys, time\n"
         "begin = time.perf_counter()\n"
-        "subprocess.run(sys.argv[1:], check=True)\n"
+        "status = subprocess.run(sys.argv[1:]).returncode\n"
         "used = resource.getrusage(resource.RUSAGE_CHILDREN)\n"
         "print(json.dumps([used.ru_utime + used.ru_stime, time.perf_counter() - begin, used.ru_maxrss / 1000]))\n"
+        "sys.exit(status)\n"
     )
     line = [sys.executable, "-c", code, sys.executable, "-m", "miniloop_cli", *map(str, arguments), "-q", "--fresh"]
-    done = subprocess.run(line, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(line, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise MiniloopError(f"miniloop {arguments[0]} ended with status {done.returncode}; its error is above")
     cpu_s, wall_s, peak_mb = json.loads(done.stdout.splitlines()[-1])
     return cpu_s, wall_s, peak_mb
