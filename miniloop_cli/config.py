@@ -227,7 +227,7 @@ class Bundle(Section):
     partners: int = Field(
         15,
         ge=1,
-        description="Each scan is matched again, near predicted positions, with this many by matches and by view.",
+        description="Each scan is matched again with the N of most matches, and the N that share most of its view.",
     )
     radius_px: float = Field(8.0, gt=0, description="Search radius around a feature's predicted position (px).")
     max_distance2: float = Field(0.3, gt=0, description="Largest squared descriptor distance of a guided match.")

@@ -159,9 +159,10 @@ def draw(rows: Sequence[Row]) -> Figure:
     """Accuracy beside CPU seconds."""
     figure = Figure(figsize=(6, 4.5), layout="constrained")
     axes = figure.subplots()
-    for row in rows:
-        if row["ate_cm"] is not None:
-            axes.plot(row["cpu_s"], row["ate_cm"], "o", label=f"{row['program']}, {row['sequence']}")
-    axes.set(xlabel="CPU seconds", ylabel="ATE [cm]", xlim=(0, None), ylim=(0, None))
+    done = [row for row in rows if row["ate_cm"] is not None]
+    for row in done:
+        axes.plot(row["cpu_s"], row["ate_cm"], "o", label=f"{row['program']}, {row['sequence']}")
+    most_s, most_cm = (max((row[name] for row in done), default=1.0) for name in ("cpu_s", "ate_cm"))
+    axes.set(xlabel="CPU seconds", ylabel="ATE [cm]", xlim=(0, 1.1 * most_s), ylim=(0, 1.1 * most_cm))
     figure.legend(loc="outside lower center", fontsize="small")
     return figure

@@ -68,8 +68,8 @@ def best_partners(
     """
     inside = edges.subset(np.isin(edges.pairs, scans).all(axis=1))
     strongest = inside.pairs[_among_the_strongest(inside.pairs, inside.inlier_count, most)]
-    by_matches = [(min(a, b), max(a, b)) for a, b in strongest.tolist()]
-    return sorted({*partners(T_world_cam, scans, points, camera, most), *by_matches})
+    by_view = partners(T_world_cam, scans, points, camera, most)
+    return sorted({*by_view, *((i, j) for i, j in strongest.tolist())})
 
 
 def _among_the_strongest(pairs: Ints, strength: Ints, most: int) -> Bools:

@@ -60,7 +60,7 @@ def join(parts: Sequence[MapPart], settings: Settings, run: Run, known: Mapping[
         T[inside], covariance[inside] = _refined(start, edges, scans, inside, settings, run)
     used = edges.subset(edges.verified & between & (piece[of_part[edges.i]] == piece[of_part[edges.j]]))
     usable = edges.subset(edges.verified)
-    tracks = _tracks(parts, T, piece[of_part], scans, usable, used, settings, run)
+    tracks = _tracks(parts, T, piece[of_part], scans, usable, settings, run)
     seen = landmarks(scans.points, T, tracks)
     tracks = agreeing(tracks, seen, scans.first_feature)
     points = known_points(seen, tracks, scans.first_feature)
@@ -84,16 +84,14 @@ def _tracks(
     piece: Ints,
     scans: ScanSet,
     edges: EdgeTable,
-    used: EdgeTable,
     settings: Settings,
     run: Run,
 ) -> Tracks:
     """Tracks of the map: for keyframes refined together, from guided matches at their poses, as in `extend`.
 
-    piece (K,): of each keyframe; edges: all verified ones; used: those between recordings of a piece. Single recordings
-    have the tracks of their edges.
+    piece (K,): of each keyframe; edges: all verified ones. Single recordings have the tracks of their own edges.
     """
-    pairs, matches = matches_of_edges(parts, used)
+    pairs, matches = matches_of_edges(parts, EdgeTable.of([]))
     of_part = recording_of_keyframes(parts)
     several = np.array([len(np.unique(of_part[piece == number])) > 1 for number in range(piece.max(initial=-1) + 1)])
     own = np.flatnonzero(~several[piece[pairs[:, 0]]])
