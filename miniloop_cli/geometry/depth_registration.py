@@ -12,13 +12,12 @@ from functools import lru_cache
 import numpy as np
 
 from miniloop_cli.geometry.camera import Camera
-from miniloop_cli.geometry.lens_kernels import distort_fisheye, distort_radial_tangential
+from miniloop_cli.geometry.lens_kernels import distort, lens_numbers
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats, Floats32
 
 MAX_STEP = 0.03  # relative difference in depth of neighbouring pixels of one surface
 MIN_Z_M = 1e-3
-LENSES = ("pinhole", "radial-tangential", "fisheye")
 
 
 def register_depth(depth_m: Floats32, depth_camera: Camera, color_camera: Camera, T_color_depth: Floats) -> Floats32:
@@ -33,9 +32,7 @@ def register_depth(depth_m: Floats32, depth_camera: Camera, color_camera: Camera
     px = np.empty((*depth_m.shape, 2))
     z = np.empty(depth_m.shape)
     K = np.array([color_camera.fx, color_camera.fy, color_camera.cx, color_camera.cy])
-    lens = color_camera.lens
-    coefficients = np.array((*lens.coefficients, *(0.0,) * 8)[:8])
-    _project(depth_m, rays, R, t, K, LENSES.index(lens.model), coefficients, lens.limit[0], px, z)
+    _project(depth_m, rays, R, t, K, *lens_numbers(color_camera.lens), px, z)
     registered = np.zeros((color_camera.height, color_camera.width), np.float32)
     _draw_mesh(depth_m, px, z, registered)
     return registered
@@ -77,10 +74,7 @@ def _project(
                 continue
             a = (R[0, 0] * x + R[0, 1] * y + R[0, 2] * d + t[0]) / zc
             b = (R[1, 0] * x + R[1, 1] * y + R[1, 2] * d + t[1]) / zc
-            if lens == 1:
-                a, b = distort_radial_tangential(a, b, c, limit)
-            elif lens == 2:
-                a, b = distort_fisheye(a, b, c, limit)
+            a, b = distort(a, b, lens, c, limit)
             px[v, u, 0], px[v, u, 1] = K[0] * a + K[2], K[1] * b + K[3]
             z[v, u] = zc
 

@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from miniloop_cli.geometry.lens import Lens
 from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Floats
+
+MODELS = ("pinhole", "radial-tangential", "fisheye")
+
+
+class LensNumbers(NamedTuple):
+    """A lens as kernels take it: index into MODELS, coefficients (8,), and the first number of its `limit`."""
+
+    model: int
+    coefficients: Floats
+    limit: float
+
+
+def lens_numbers(lens: Lens) -> LensNumbers:
+    """The numbers of a lens; coefficients that it does not have are 0."""
+    return LensNumbers(MODELS.index(lens.model), np.array((*lens.coefficients, *(0.0,) * 8)[:8]), lens.limit[0])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distort(x: float, y: float, model: int, c: Floats, limit: float) -> tuple[float, float]:
+    """The point of the plane z = 1 that a lens of any model images x, y at; NaN beyond its limit."""
+    if model == 1:
+        return distort_radial_tangential(x, y, c, limit)
+    if model == 2:
+        return distort_fisheye(x, y, c, limit)
+    return x, y
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

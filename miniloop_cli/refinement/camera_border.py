@@ -77,8 +77,8 @@ def border(
     W[full] = np.add.reduceat(R_rows @ parameters.mixed, first[full], axis=0)
     e[full] = np.add.reduceat(np.einsum("kij,kj->ki", R_rows, seen.gradient), first[full], axis=0)
     Z = _solved(L, W)
-    own = np.einsum("kda,kdb->ab", parameters.root, parameters.root)
-    own += np.diag(damping * np.diag(own)) - np.einsum("pia,pib->ab", W, Z)
+    own = _summed_products(parameters.root, parameters.root)
+    own += np.diag(damping * np.diag(own)) - _summed_products(W, Z)
     gradient = parameters.gradient.sum(axis=0) - np.einsum("pia,pi->a", Z, e)
     rest = parameters.mixed - seen.hessian @ (R_rows.transpose(0, 2, 1) @ Z[track])
     # B^T m = (m x x, -m): the transpose of B = [hat(x) | -I].
@@ -90,6 +90,12 @@ def border(
     by_pose[seeing, :3] = np.add.reduceat(turned[order], start[seeing], axis=0)
     by_pose[seeing, 3:] = -np.add.reduceat(rest[order], start[seeing], axis=0)
     return Border(by_pose, own, gradient)
+
+
+def _summed_products(A: Floats, B: Floats) -> Floats:
+    """The sum over k of A_k^T B_k (q, q), of A and B (k, d, q)."""
+    k, d, q = A.shape
+    return np.asarray(A.reshape(k * d, q).T @ B.reshape(k * d, q), float)
 
 
 def _solved(L: Floats, W: Floats) -> Floats:

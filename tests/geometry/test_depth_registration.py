@@ -10,7 +10,7 @@ from miniloop_cli.geometry import fisheye, radial_tangential, se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.geometry.depth_registration import register_depth
 from miniloop_cli.geometry.lens import PINHOLE, fisheye_lens, radial_tangential_lens
-from miniloop_cli.geometry.lens_kernels import distort_fisheye, distort_radial_tangential
+from miniloop_cli.geometry.lens_kernels import distort, lens_numbers
 
 DEPTH = Camera(126.0, 126.5, 80.3, 71.7, 160, 144)
 COLOR = Camera(155.0, 156.0, 160.2, 89.9, 320, 180)
@@ -144,7 +144,5 @@ def test_the_lens_of_the_kernel_is_that_of_the_camera(name):
     lens = LENSES[name][1] if name != "rational" else LENSES[name][0]
     module = fisheye if name == "fisheye" else radial_tangential
     xy = np.random.default_rng(0).uniform(-3, 3, (500, 2))
-    c = np.array((*lens.coefficients, *(0.0,) * 8)[:8])
-    point = distort_fisheye if name == "fisheye" else distort_radial_tangential
-    found = np.array([point(x, y, c, lens.limit[0]) for x, y in xy])
+    found = np.array([distort(x, y, *lens_numbers(lens)) for x, y in xy])
     np.testing.assert_allclose(found, module.distort(xy, lens.coefficients), rtol=1e-12, atol=1e-12)

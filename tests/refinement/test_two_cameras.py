@@ -8,12 +8,14 @@ import pytest
 from benchmarks.experiments import known_two_cameras
 from benchmarks.experiments.known_two_cameras import OWN, Room, calibrated, drawn, room
 from miniloop_cli.config import Depth
-from miniloop_cli.features.ray_depth import depth_on_rays
+from miniloop_cli.features.keypoints3d import depth_at
+from miniloop_cli.features.ray_depth import depth_at_point, depth_on_rays
 from miniloop_cli.geometry import depth_camera_parameters as of_two
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera, Trust
 from miniloop_cli.geometry.camera_parameters import NAMES, OF_ONE_CAMERA, CameraParameters
 from miniloop_cli.geometry.depth_registration import register_depth
+from miniloop_cli.geometry.lens import radial_tangential_lens
 from miniloop_cli.refinement.birge_ratio import birge_ratio
 from miniloop_cli.refinement.camera_priors import prior_sigmas
 from miniloop_cli.refinement.two_cameras import TwoCameras
@@ -68,6 +70,35 @@ def test_nothing_is_read_beside_an_edge_or_in_a_hole():
     z_m, slope = depth_on_rays(depth_m, px, COLOR, same, Depth())
     np.testing.assert_allclose(z_m, [2.0, 1.0, np.nan, np.nan, np.nan])
     assert not slope[:2].any()
+
+
+def test_one_reading_is_that_of_many():
+    rng = np.random.default_rng(4)
+    depth_m = np.kron(rng.choice([0.1, 1.0, 1.02, 1.5, 0.0, 9.0, np.nan, np.inf], (12, 16)), np.ones((4, 4)))
+    depth_m = depth_m.astype(np.float32) * rng.uniform(0.99, 1.01, depth_m.shape).astype(np.float32)
+    px = np.concatenate([rng.uniform(-2, [65, 49], (5000, 2)), rng.integers(0, [64, 48], (500, 2)).astype(float)])
+    settings = Depth()
+    limits = np.array([settings.min_m, settings.max_m, settings.edge_ratio])
+    found = np.array([depth_at_point(depth_m, u, v, limits) for u, v in px])
+    many = depth_at(depth_m, px, settings)
+    assert np.isfinite(many).sum() > 1000
+    assert np.isnan(many).sum() > 1000
+    np.testing.assert_allclose(found, many, rtol=1e-12)
+
+
+def test_the_lens_of_the_depth_camera_bends_what_is_read():
+    lens = radial_tangential_lens(0.1, -0.2, 0.001, -0.002, 0.05)
+    own = replace(OWN.camera, lens=lens)
+    u, v = np.meshgrid(np.arange(own.width, dtype=float), np.arange(own.height, dtype=float))
+    rays = own.backproject(own.undistort(np.stack([u.ravel(), v.ravel()], 1)), np.ones(u.size))
+    normal = np.array([0.3, -0.2, 0.9])
+    depth_m = (1.8 / (rays @ normal)).reshape(own.height, own.width).astype(np.float32)
+    px = np.random.default_rng(5).uniform([80, 80], [560, 400], (300, 2))
+    z_m, _ = depth_on_rays(depth_m, px, COLOR, DepthCamera(own, tuple(np.eye(4).ravel())), Depth())
+    true_m = 1.8 / (COLOR.backproject(px, np.ones(300)) @ normal)
+    told = np.isfinite(z_m)
+    assert told.mean() > 0.9
+    np.testing.assert_allclose(z_m[told], true_m[told], rtol=2e-5)
 
 
 def test_readings_move_as_is_said():
