@@ -93,7 +93,7 @@ def _look(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def depth_at_point(depth_m: Floats32, u: float, v: float, limits: Floats) -> float:
-    """`keypoints3d.depth_at` of one pixel; limits as in `_look`."""
+    """`keypoints3d.depth_at` of one pixel in depth_m (h, w); limits (3,) as in `_look`."""
     height, width = depth_m.shape
     if not (u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1):
         return np.nan

@@ -28,7 +28,7 @@ def lens_numbers(lens: Lens) -> LensNumbers:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def distort(x: float, y: float, model: int, c: Floats, limit: float) -> tuple[float, float]:
-    """The point of the plane z = 1 that a lens of any model images x, y at; NaN beyond its limit."""
+    """Where a lens of any model, with coefficients c (8,), images x, y of the plane z = 1; NaN beyond its limit."""
     if model == 1:
         return distort_radial_tangential(x, y, c, limit)
     if model == 2:
