@@ -18,6 +18,7 @@ from miniloop_cli.refinement.point_equations import LEAST_CURVATURE, PointEquati
 from miniloop_cli.refinement.robust import weight_and_curvature
 from miniloop_cli.refinement.terms import NEAR_M
 from miniloop_cli.refinement.track_rows import TrackRows
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.typing import Bools, Floats, Ints
 
 
@@ -69,27 +70,13 @@ def border(
     tracks: TrackRows, seen: PointEquations, parameters: ParameterEquations, R: Floats, L: Floats, damping: float
 ) -> Border:
     """Eliminate the points; R (n, 3, 3) of the poses, L (p, 3, 3) as `reduce_tracks` left it with this damping."""
-    length = np.diff(tracks.start)
-    track, frame = np.repeat(np.arange(len(length)), length), tracks.frame
-    first, full = tracks.start[:-1], length > 0
-    R_rows = R[frame]
-    W, e = np.zeros((len(length), 3, parameters.mixed.shape[2])), np.zeros((len(length), 3))
-    W[full] = np.add.reduceat(R_rows @ parameters.mixed, first[full], axis=0)
-    e[full] = np.add.reduceat(np.einsum("kij,kj->ki", R_rows, seen.gradient), first[full], axis=0)
-    Z = _solved(L, W)
+    q = parameters.mixed.shape[2]
+    W, Z, e = np.zeros((len(L), 3, q)), np.zeros((len(L), 3, q)), np.zeros((len(L), 3))
+    by_pose = np.zeros((len(R), 6, q))
+    _eliminate(tracks, seen, parameters.mixed, R, L, W, Z, e, by_pose)
     own = _summed_products(parameters.root, parameters.root)
     own += np.diag(damping * np.diag(own)) - _summed_products(W, Z)
-    gradient = parameters.gradient.sum(axis=0) - np.einsum("pia,pi->a", Z, e)
-    rest = parameters.mixed - seen.hessian @ (R_rows.transpose(0, 2, 1) @ Z[track])
-    # B^T m = (m x x, -m): the transpose of B = [hat(x) | -I].
-    turned = np.cross(rest, seen.p_cam.T[:, :, None], axis=1)
-    by_pose = np.zeros((len(R), 6, rest.shape[2]))
-    order = np.argsort(frame, kind="stable")
-    start = np.searchsorted(frame[order], np.arange(len(R)))
-    seeing = np.bincount(frame, minlength=len(R)) > 0
-    by_pose[seeing, :3] = np.add.reduceat(turned[order], start[seeing], axis=0)
-    by_pose[seeing, 3:] = -np.add.reduceat(rest[order], start[seeing], axis=0)
-    return Border(by_pose, own, gradient)
+    return Border(by_pose, own, parameters.gradient.sum(axis=0) - np.einsum("pia,pi->a", Z, e))
 
 
 def _summed_products(A: Floats, B: Floats) -> Floats:
@@ -98,15 +85,54 @@ def _summed_products(A: Floats, B: Floats) -> Floats:
     return np.asarray(A.reshape(k * d, q).T @ B.reshape(k * d, q), float)
 
 
-def _solved(L: Floats, W: Floats) -> Floats:
-    """V^-1 W (p, 3, q) with V = L L^T; L (p, 3, 3) has the inverses of its diagonal on the diagonal."""
-    Z = W.copy()
-    for i in range(3):
-        for c in range(i):
-            Z[:, i] -= L[:, i, c, None] * Z[:, c]
-        Z[:, i] *= L[:, i, i, None]
-    for i in (2, 1, 0):
-        for c in range(i + 1, 3):
-            Z[:, i] -= L[:, c, i, None] * Z[:, c]
-        Z[:, i] *= L[:, i, i, None]
-    return Z
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
+def _eliminate(
+    tracks: TrackRows,
+    seen: PointEquations,
+    mixed: Floats,
+    R: Floats,
+    L: Floats,
+    W: Floats,
+    Z: Floats,
+    e: Floats,
+    by_pose: Floats,
+) -> None:
+    """Fill W, Z (p, 3, q), the gradients e (p, 3) of the points, and by_pose (n, 6, q), which are all 0 before.
+
+    mixed (k, 3, q); L (p, 3, 3) has the inverses of its diagonal on the diagonal, V = L L^T.
+    """
+    q = mixed.shape[2]
+    z, m = np.empty(3), np.empty(3)
+    for p in range(len(L)):
+        rows = range(tracks.start[p], tracks.start[p + 1])
+        if len(rows) == 0:
+            continue
+        for k in rows:
+            f = tracks.frame[k]
+            for i in range(3):
+                for c in range(3):
+                    e[p, i] += R[f, i, c] * seen.gradient[k, c]
+                    for a in range(q):
+                        W[p, i, a] += R[f, i, c] * mixed[k, c, a]
+        for a in range(q):
+            for i in range(3):
+                Z[p, i, a] = W[p, i, a]
+                for c in range(i):
+                    Z[p, i, a] -= L[p, i, c] * Z[p, c, a]
+                Z[p, i, a] *= L[p, i, i]
+            for i in range(2, -1, -1):
+                for c in range(i + 1, 3):
+                    Z[p, i, a] -= L[p, c, i] * Z[p, c, a]
+                Z[p, i, a] *= L[p, i, i]
+        for k in rows:
+            f, A = tracks.frame[k], seen.hessian[k]
+            for a in range(q):
+                for c in range(3):
+                    z[c] = R[f, 0, c] * Z[p, 0, a] + R[f, 1, c] * Z[p, 1, a] + R[f, 2, c] * Z[p, 2, a]
+                for i in range(3):
+                    m[i] = mixed[k, i, a] - (A[i, 0] * z[0] + A[i, 1] * z[1] + A[i, 2] * z[2])
+                # B^T m = (m x x, -m): the transpose of B = [hat(x) | -I].
+                for i in range(3):
+                    u, v = (i + 1) % 3, (i + 2) % 3
+                    by_pose[f, i, a] += m[u] * seen.p_cam[v, k] - m[v] * seen.p_cam[u, k]
+                    by_pose[f, 3 + i, a] -= m[i]
