@@ -10,6 +10,8 @@ from miniloop_cli.cli import options
 from miniloop_cli.cli.bench.factory import Benchmark, Column, numbers, several, whole
 from miniloop_cli.cli.bench.table import MAX_FRAMES, SEQUENCES
 
+FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+
 
 def _show_variants(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     if wanted:
@@ -264,4 +266,40 @@ CAMERA_PARTS = Benchmark(
     ),
 )
 
-ON_RECORDINGS = (ABLATION, CAMERA_PARTS, EDGES, OUTLIERS, RECALL, WHOLE)
+EPIPOLAR = Benchmark(
+    "epipolar",
+    "Trajectories judged by the images alone.",
+    """Median distance (px) of matches from the epipolar lines of the relative poses, for frames 1 to 50 apart.
+
+    RECORDING: with or without ground truth. Features and matches are OpenCV's; depth takes no part. A result is judged
+    with its own camera. Ground truth and other trajectories get the camera of the first result, as poses of colour and,
+    if depth has a camera of its own, as poses of depth.
+
+    \b
+    Example:   python -m benchmarks epipolar path/to/recording --result results/recording
+    """,
+    rows="benchmarks.experiments.epipolar:epipolar_rows",
+    draw="benchmarks.experiments.epipolar:draw",
+    heading="{sequence}",
+    columns=(
+        Column("trajectory", "{trajectory}", "<28"),
+        Column("poses of", "{poses_of}", "<9"),
+        *numbers(">9", ".2f", **{f"px_{gap}": f"{gap} px" for gap in (1, 3, 5, 10, 50)}),
+        *numbers(">9", ".0f", **{f"pairs_{gap}": f"pairs {gap}" for gap in (1, 3, 5, 10, 50)}),
+    ),
+    options=(
+        click.argument("folder", metavar="RECORDING", type=FOLDER),
+        click.option(
+            "--result", "results", type=FOLDER, multiple=True, required=True, help="A results folder; may be repeated."
+        ),
+        click.option(
+            "--trajectory",
+            "others",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            multiple=True,
+            help="Another program's trajectory; may be repeated.",
+        ),
+    ),
+)
+
+ON_RECORDINGS = (ABLATION, CAMERA_PARTS, EDGES, EPIPOLAR, OUTLIERS, RECALL, WHOLE)
