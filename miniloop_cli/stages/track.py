@@ -14,7 +14,7 @@ from miniloop_cli.scene.sequence import Sequence
 from miniloop_cli.scene.tracked import Tracked, TrackedPart, TrackStatus
 from miniloop_cli.stages.artifacts import PROBED, TRACKED
 from miniloop_cli.stages.run import Run
-from miniloop_cli.tracking.frames import shows_something
+from miniloop_cli.tracking.frames import may_be_keyframe
 from miniloop_cli.tracking.front_end import track_part
 
 LOG = logging.getLogger("miniloop")
@@ -53,10 +53,10 @@ def track(sequence: Sequence, depth: Depth, settings: Tracking, run: Run) -> Tra
 
 
 def _ends(sequence: Sequence) -> list[int]:
-    """Frames at which the recording is cut into parts; both parts use the frame, so it must not be blank."""
+    """Frames at which the recording is cut into parts: a keyframe of both."""
     last = len(sequence.frames) - 1
     even = np.round(np.linspace(0, last, int(np.ceil(last / PART)) + 1)).astype(int).tolist()
-    inner = [next((f for f in range(a, b) if shows_something(sequence, f)), a) for a, b in pairwise(even[1:])]
+    inner = [next((f for f in range(a, b) if may_be_keyframe(sequence, f)), a) for a, b in pairwise(even[1:])]
     return [0, *inner, last]
 
 

@@ -62,13 +62,11 @@ def told_apart(frames: Iterator[TrackFrame], part: TrackedPart) -> Iterator[Trac
         yield kept
 
 
-def shows_something(sequence: Sequence, number: int) -> bool:
-    """Whether a frame can be read, is not blank, and has depth; others cannot be keyframes."""
-    try:
-        scan = read_scan(sequence, number)
-    except InputError:
-        return False
-    return float(_gray(scan).std()) >= LEAST_CONTRAST and bool((scan.depth_m > 0).any())
+def may_be_keyframe(sequence: Sequence, number: int) -> bool:
+    """Whether a frame can be read, is not blank, and has depth that does not repeat that of the frame before."""
+    part = TrackedPart.of(number - 1, number)
+    frames = list(told_apart(readable_frames(sequence, range(max(number - 1, 0), number + 1), part), part))
+    return bool(frames) and frames[-1].number == number and frames[-1].has_depth
 
 
 def _gray(scan: Scan) -> Bytes:

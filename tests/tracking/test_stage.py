@@ -1,5 +1,7 @@
 """When a recording is followed, and that the outcome depends neither on jobs nor on what was finished before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from walls import frame, path, recording, wall_frames
@@ -8,7 +10,7 @@ from miniloop_cli.config import Depth, Tracking
 from miniloop_cli.geometry import se3
 from miniloop_cli.runtime.artifact_store import Store
 from miniloop_cli.runtime.parallel import Workers
-from miniloop_cli.scene.tracked import TrackedPart, TrackStatus
+from miniloop_cli.scene.tracked import Repeat, TrackedPart, TrackStatus
 from miniloop_cli.stages import track as stage
 from miniloop_cli.stages.artifacts import TRACKED
 from miniloop_cli.stages.run import Run
@@ -171,3 +173,15 @@ def test_parts_meet_at_a_frame_that_shows_something(dense, truth, tmp_path):
     assert (found.key[82:] >= 0).all()
     off = found.T_cam_key[82] @ se3.inverse(se3.inverse(truth[82]) @ truth[found.key[82]])
     assert se3.rotation_angle_deg(off[:3, :3]) < 0.2 and np.linalg.norm(off[:3, 3]) < 0.005
+
+
+@pytest.mark.slow
+def test_parts_meet_at_a_frame_with_depth_of_its_own(truth, tmp_path):
+    """One with the depth of the frame before is no keyframe of the earlier part, but the later one begins with it."""
+    frames = wall_frames(truth)
+    frames[80] = replace(frames[80], depth=frames[79].depth)
+    found = followed(recording(frames), tmp_path)
+    assert found.repeat[80] == Repeat.DEPTH
+    assert found.status[80:82].tolist() == [TrackStatus.FOLLOWED, TrackStatus.KEYFRAME]
+    linked = found.key[1:]
+    assert (found.status[linked] == TrackStatus.KEYFRAME).all()
