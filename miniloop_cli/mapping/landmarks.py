@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from miniloop_cli.refinement.tracks import Tracks
+from miniloop_cli.runtime.kernels import njit
 from miniloop_cli.scene.points import ScanPoints
 from miniloop_cli.scene.scene_map import MapPoints
-from miniloop_cli.typing import Floats, Ints
+from miniloop_cli.typing import Bools, Floats, Ints
 
 MAX_CHI2 = 16.0  # of an observation against the others of its point
 POSE_SIGMA_M = 0.002  # error of a point by the poses, which does not decrease with the number of observations
@@ -26,17 +27,14 @@ def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, tracks: Tracks)
     if not tracks.count:
         return MapPoints(np.zeros((0, 3)), np.zeros((0, 3, 3)), of_feature)
     row = offsets[tracks.frame] + tracks.feature
-    T = T_world_cam[tracks.frame]
     p_cam = np.concatenate([scan.points_m for scan in points])[row]
     C_cam = np.concatenate([scan.covariances_m2 for scan in points])[row]
-    p_world = np.einsum("kij,kj->ki", T[:, :3, :3], p_cam) + T[:, :3, 3]
-    C_world = T[:, :3, :3] @ C_cam @ np.swapaxes(T[:, :3, :3], 1, 2) + POSE_SIGMA_M**2 * np.eye(3)
-    information = np.linalg.inv(C_world)
+    p_world, information = np.empty((len(row), 3)), np.empty((len(row), 3, 3))
+    _in_world(p_cam, C_cam, np.ascontiguousarray(T_world_cam), tracks.frame, p_world, information)
+    mean, covariance = np.empty((tracks.count, 3)), np.empty((tracks.count, 3, 3))
     agreeing = np.ones(len(row), bool)
     for _ in range(2):
-        mean, covariance = fused(p_world, information, np.where(agreeing, tracks.track, tracks.count), tracks.count)
-        off = p_world - mean[tracks.track]
-        agreeing = np.einsum("ki,kij,kj->k", off, information, off) < MAX_CHI2
+        _fuse(p_world, information, tracks.track, agreeing, mean, covariance)
     seen = np.bincount(tracks.track[agreeing], minlength=tracks.count)
     good = np.flatnonzero(seen >= 2)
     number = np.full(tracks.count, -1)
@@ -45,15 +43,66 @@ def landmarks(points: Sequence[ScanPoints], T_world_cam: Floats, tracks: Tracks)
     return MapPoints(mean[good], covariance[good] + POSE_SIGMA_M**2 * np.eye(3), of_feature)
 
 
-def fused(points: Floats, information: Floats, group: Ints, count: int) -> tuple[Floats, Floats]:
-    """Means (count, 3) and covariances (count, 3, 3) of points (k, 3) with information (k, 3, 3), group by group.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_world(
+    p_cam: Floats, C_cam: Floats, T_world_cam: Floats, frame: Ints, p_world: Floats, information: Floats
+) -> None:
+    """Fill p_world (k, 3) and information (k, 3, 3) of points p_cam (k, 3), C_cam (k, 3, 3) in frames (k,).
 
-    group (k,): numbers below `count`; others are left out. A group without points has its mean at 0.
+    T_world_cam (n, 4, 4). The error of the poses is the same in all directions, so that it is added in the camera.
     """
-    weighted = np.einsum("kij,kj->ki", information, points)
-    columns = np.concatenate([information.reshape(-1, 9), weighted], axis=1).T
-    sums = np.stack([np.bincount(group, column, count)[:count] for column in columns], axis=1)
-    total, weighted = sums[:, :9].reshape(-1, 3, 3), sums[:, 9:]
-    total[~total.any(axis=(1, 2))] = np.eye(3)
-    covariance = np.asarray(np.linalg.inv(total), float)
-    return np.einsum("kij,kj->ki", covariance, weighted), covariance
+    turned = np.empty((3, 3))
+    for k in range(len(frame)):
+        T, C = T_world_cam[frame[k]], C_cam[k].copy()
+        for i in range(3):
+            C[i, i] += POSE_SIGMA_M * POSE_SIGMA_M
+            p_world[k, i] = T[i, 0] * p_cam[k, 0] + T[i, 1] * p_cam[k, 1] + T[i, 2] * p_cam[k, 2] + T[i, 3]
+        own = _inverse(C)
+        for i in range(3):
+            for j in range(3):
+                turned[i, j] = T[i, 0] * own[0, j] + T[i, 1] * own[1, j] + T[i, 2] * own[2, j]
+        for i in range(3):
+            for j in range(3):
+                information[k, i, j] = turned[i, 0] * T[j, 0] + turned[i, 1] * T[j, 1] + turned[i, 2] * T[j, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fuse(p: Floats, information: Floats, track: Ints, agreeing: Bools, mean: Floats, covariance: Floats) -> None:
+    """Fill mean (t, 3) and covariance (t, 3, 3) of the tracks, and tell anew which observations (k,) agree with them.
+
+    p (k, 3), information (k, 3, 3), track (k,): those that agree before take part. A track without any has its mean at
+    0.
+    """
+    mean[:], covariance[:] = 0.0, 0.0
+    for k in range(len(track)):
+        t = track[k]
+        if not agreeing[k]:
+            continue
+        for i in range(3):
+            for j in range(3):
+                covariance[t, i, j] += information[k, i, j]
+                mean[t, i] += information[k, i, j] * p[k, j]
+    for t in range(len(mean)):
+        if covariance[t, 0, 0] == 0.0:
+            covariance[t] = np.eye(3)
+        covariance[t] = _inverse(covariance[t])
+        x, y, z = mean[t, 0], mean[t, 1], mean[t, 2]
+        for i in range(3):
+            mean[t, i] = covariance[t, i, 0] * x + covariance[t, i, 1] * y + covariance[t, i, 2] * z
+    for k in range(len(track)):
+        chi2 = 0.0
+        for i in range(3):
+            for j in range(3):
+                chi2 += (p[k, i] - mean[track[k], i]) * information[k, i, j] * (p[k, j] - mean[track[k], j])
+        agreeing[k] = chi2 < MAX_CHI2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inverse(A: Floats) -> Floats:
+    """The inverse of a symmetric positive definite matrix A (3, 3)."""
+    B = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            B[i, j] = A[c, a] * A[d, b] - A[c, b] * A[d, a]
+    return B / (A[0, 0] * B[0, 0] + A[0, 1] * B[1, 0] + A[0, 2] * B[2, 0])

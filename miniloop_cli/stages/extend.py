@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from collections.abc import Sequence as Many
 from dataclasses import replace
 
 import numpy as np
@@ -146,6 +147,7 @@ def _at_rest(
     points with them; then all to rest.
     """
     T_matched, again, far, jobs = T, new, new, run.workers.threads
+    near = near_pairs(T, np.flatnonzero(inside), edges, scans, settings.bundle)
 
     def adjusted(points: Floats, active: Bools, rest: Rest) -> Settled:
         return settled(T, points, tracks, edges, inside, fixed, scans, settings.bundle, jobs, active, rest)
@@ -159,7 +161,7 @@ def _at_rest(
 
     while far.any():
         again = again | far
-        tracks, points = _tracks(known, T, edges, inside, again, scans, settings, run)
+        tracks, points = _tracks(known, T, near, again, scans, settings, run)
         seen = Observations.of(tracks, scans, settings.bundle.min_frames)
         found = adjusted(points, far | (shared_tracks(seen, far) >= MIN_SHARED), NEARLY_AT_REST)
         T, far = found.T_world_cam, moved_far()
@@ -172,8 +174,7 @@ def _at_rest(
 def _tracks(
     known: MapPoints,
     T: Floats,
-    edges: EdgeTable,
-    inside: Bools,
+    near: Many[Pair],
     again: Bools,
     scans: ScanSet,
     settings: Settings,
@@ -181,16 +182,17 @@ def _tracks(
 ) -> tuple[Tracks, Floats]:
     """Tracks of the points of the map, and of new matches of the keyframes that are matched `again` (K,).
 
+    near: pairs of keyframes that see the same.
+
     Also their points (tracks, 3), NaN where unknown.
 
     Some matches near the predicted positions are false. A few per cent of them bend a large map by centimetres, so
     those that contradict the points at the poses T (K, 4, 4) are left out.
     """
-    near = near_pairs(T, np.flatnonzero(inside), edges, scans, settings.bundle)
-    near = [pair for pair in near if again[pair[0]] or again[pair[1]]]
-    matches = matched_again(T, near, scans, settings.bundle, run.workers)
+    pairs = [pair for pair in near if again[pair[0]] or again[pair[1]]]
+    matches = matched_again(T, pairs, scans, settings.bundle, run.workers)
     rest = without_keyframes(known, again, scans.first_feature)
-    tracks = extended_tracks(rest, scans.first_feature, np.array(near, np.int64).reshape(-1, 2), matches)
+    tracks = extended_tracks(rest, scans.first_feature, np.array(pairs, np.int64).reshape(-1, 2), matches)
     seen = landmarks(scans.points, T, tracks)
     tracks = agreeing(tracks, seen, scans.first_feature)
     return tracks, known_points(seen, tracks, scans.first_feature)

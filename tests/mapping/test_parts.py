@@ -14,7 +14,6 @@ from miniloop_cli.geometry.depth_model import rho
 from miniloop_cli.mapping.alone import landmarks_of
 from miniloop_cli.mapping.carry import carried_poses
 from miniloop_cli.mapping.common_camera import same_rays, view_in
-from miniloop_cli.mapping.landmarks import fused
 from miniloop_cli.mapping.part import at_one_instant, between_rows, by_calibration, chosen_features, of_rows
 from miniloop_cli.mapping.pieces import in_the_first_world, pieces_of
 from miniloop_cli.scene.calibration import Calibration, Status
@@ -60,14 +59,6 @@ def test_edges_follow_their_features():
     found = between_rows(EdgeTable.of([edge]), np.array([2, 4]), [np.array([5, 7, 9]), np.array([1, 8])])
     assert found.pairs.tolist() == [[0, 1]]
     assert found.matches.tolist() == [[1, 1]]
-
-
-def test_a_point_is_the_weighted_mean_of_what_saw_it():
-    points = np.array([[0.0, 0, 0], [1.0, 0, 0], [5.0, 5, 5]])
-    information = np.array([1.0, 3.0, 2.0])[:, None, None] * np.eye(3)
-    mean, covariance = fused(points, information, np.array([0, 0, 1]), 2)
-    assert np.allclose(mean, [[0.75, 0, 0], [5, 5, 5]])
-    assert np.allclose(covariance, [np.eye(3) / 4, np.eye(3) / 2])
 
 
 def test_points_lie_where_their_keyframes_saw_them():
