@@ -25,6 +25,7 @@ from miniloop_cli.scene.scan_set import ScanSet
 from miniloop_cli.scene.sequence import Note, Sequence
 from miniloop_cli.scene.tracked import Tracked
 from miniloop_cli.stages.average import average, photometric_check
+from miniloop_cli.stages.depth_beside_color import depth_beside_color
 from miniloop_cli.stages.doubt import doubt
 from miniloop_cli.stages.extract import extract
 from miniloop_cli.stages.guided_matching import guided_matching
@@ -89,21 +90,25 @@ def _register(
 ) -> Registration:
     """The stages; `two`: for a separate depth camera that is calibrated."""
     run, estimation = Run(store, workers, seed), settings.estimation
-    whole, of_whole, features = sequence, priors, settings.features
+    recording = whole = sequence
+    of_whole, features = priors, settings.features
     with watch.stage("tracking"):
         tracked = follow(sequence, settings, run)
     if sequence.color_only:  # whether these images are used is known only now
         tell(sequence.color_only.taken_in if tracked else [sequence.color_only.left_out])
     if tracked:
         whole, rows = sequence.with_color_only()
-        seen = [*notes_on_repeats(tracked), *notes_on_order(tracked)]
-        tell(seen)
-        whole = replace(whole, notes=(*whole.notes, *seen))
+        along = [*notes_on_repeats(tracked), *notes_on_order(tracked)]
+        tell(along)
+        whole = replace(whole, notes=(*whole.notes, *along))
         priors = of_whole = priors_among(priors, rows, len(whole.frames))
         sequence, priors = keyframes_only(whole, tracked.keyframes), priors_of(priors, tracked.keyframes)
         features = features.of_keyframes(sequence.camera.width, sequence.camera.height)
     with watch.stage("features"):
         scans = extract(sequence, features, settings.depth, run)
+        seen = () if two else depth_beside_color(recording, run)
+        tell(seen)
+        whole = replace(whole, notes=(*whole.notes, *seen))
     with watch.stage("matching"):
         matches = match(scans, settings.matching, settings.pose_prior, priors, run)
     with watch.stage("edges"):

@@ -141,39 +141,24 @@ def _registration(numbers: Numbers) -> Iterator[Finding]:
     if not found:
         return
     explained = (numbers.get("explained") or {}).get("median")
-    kind, (x, y) = found["kind"], found["shift_px"]
+    kind, sentence = found["kind"], found["sentence"]
     register = (
         "register depth to colour first, with the calibration of both cameras (most drivers and Open3D can); without "
         "one, name a depth camera in camera.yaml, and `miniloop register` estimates it (docs/calibration.md)"
     )
-    if kind == "shifted":
-        yield Finding(
-            "problem", "unregistered-depth",
-            f"depth is shifted against colour: it fits when moved by ({x}, {y}) px", register,
-        )  # fmt: skip
-    elif kind == "enlarged":
-        yield Finding(
-            "problem", "unregistered-depth",
-            f"depth and colour differ in scale: depth fits when scaled by {found['factor']:.2f} and moved by "
-            f"({x}, {y}) px", register,
-        )  # fmt: skip
+    if kind in ("shifted", "enlarged"):
+        yield Finding("problem", "unregistered-depth", sentence, register)
     elif kind == "mirrored":
         yield Finding(
-            "problem", "mirrored-depth", "depth is a mirror image of colour",
-            "flip the depth images (or the colour images) before use",
+            "problem", "mirrored-depth", sentence, "flip the depth images (or the colour images) before use"
         )  # fmt: skip
     elif kind == "late":
-        n = found["frames"]
-        yield Finding(
-            "problem", "swapped-depth",
-            f"depth belongs to the colour image {abs(n)} frame(s) {'later' if n > 0 else 'earlier'}",
-            "correct the stamps of one of the tables by that time",
-        )  # fmt: skip
+        yield Finding("problem", "swapped-depth", sentence, "correct the stamps of one of the tables by that time")
     elif kind == "foreign":
         certain = explained is None or explained < 0.7
         yield Finding(
             "problem" if certain else "warning", "swapped-depth",
-            "depth does not belong to the colour images: edges in depth are not edges in colour"
+            sentence
             + (f", and depth explains {100 * explained:.0f} % of the motion" if explained is not None else ""),
             "check that the tables pair the right images, that no files are swapped or mirrored, and that depth is "
             "registered to colour",

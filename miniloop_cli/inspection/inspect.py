@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,17 +14,17 @@ from miniloop_cli.datasets.paths import shown
 from miniloop_cli.datasets.read import check_headers
 from miniloop_cli.datasets.sensor_steps import KINECT_STEP_PER_M, disparity_step, too_large_by
 from miniloop_cli.errors import InputError
-from miniloop_cli.inspection import findings, registration
+from miniloop_cli.inspection import findings
 from miniloop_cli.inspection.findings import Finding
 from miniloop_cli.inspection.images import frame_numbers
 from miniloop_cli.inspection.pairs import FeatureCache, MatchedPair, match_frames, matched_pairs, resection
+from miniloop_cli.inspection.registration import Reader, registration_of, sampled
 from miniloop_cli.inspection.scale import fit_focal, scale_against_truth
 from miniloop_cli.inspection.timing import timing
 from miniloop_cli.scene.sequence import Scan, Sequence
 
-SAMPLE, ANCHORS, MAX_FITTED = 24, 16, 30
+ANCHORS, MAX_FITTED = 16, 30
 ODD = 0.2  # a frame is odd if its depth explains less than that of the others by so much
-Reader = Callable[[Sequence, int], Scan]
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def inspect(sequence: Sequence, rng: Generator, read: Reader = read_scan) -> Ins
     }
     broken = _broken_headers(sequence)
     sample: dict[int, Scan] = {}
-    for index in np.unique(np.linspace(0, len(sequence.frames) - 1, SAMPLE).round().astype(int)).tolist():
+    for index in sampled(sequence):
         try:
             sample[index] = read(sequence, index)
         except InputError as error:
@@ -109,26 +108,13 @@ def _images(sample: dict[int, Scan]) -> dict[str, Any]:
 
 
 def _registration(sequence: Sequence, sample: dict[int, Scan], read: Reader) -> dict[str, Any]:
-    indices = list(sample)
-    color = [registration.color_edges(scan.color) for scan in sample.values()]
-    depth = [registration.depth_edges(scan.depth_m) for scan in sample.values()]
-
-    def color_behind(lag: int) -> list[tuple[int, np.ndarray]]:
-        found = []
-        for k, index in list(enumerate(indices))[::2]:
-            if 0 <= index + lag < len(sequence.frames):
-                try:
-                    found.append((k, registration.color_edges(read(sequence, index + lag).color)))
-                except InputError:
-                    continue
-        return found
-
-    verdict = registration.diagnose(color, depth, color_behind)
+    verdict = registration_of(sequence, sample, read)
     return asdict(verdict.agreement) | {
         "kind": verdict.kind,
         "shift_px": list(verdict.shift_px),
         "factor": verdict.factor,
         "frames": verdict.frames,
+        "sentence": verdict.sentence(),
     }
 
 

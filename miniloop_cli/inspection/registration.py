@@ -6,13 +6,18 @@ if the depth is registered, elsewhere if it is shifted, and none if it belongs t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
 
 import numpy as np
 
+from miniloop_cli.errors import InputError
+from miniloop_cli.scene.sequence import Scan, Sequence
 from miniloop_cli.typing import Bytes, Floats32
+
+SAMPLE = 24  # frames, which the heights below are for
+Reader = Callable[[Sequence, int], Scan]
 
 REACH = 48  # largest shift that is tried, pixels of a 640-pixel image
 TOLERANCE = 4.0  # a peak this near to zero is registered; for real Kinects it is at about two
@@ -108,6 +113,19 @@ class Verdict:
     factor: float = 1.0  # by which it must be enlarged
     frames: int = 0  # from the depth's own colour image to the fitting one
 
+    def sentence(self) -> str:
+        """What does not fit, and how it would; "" if depth is registered, or nothing tells."""
+        x, y = self.shift_px
+        later = "later" if self.frames > 0 else "earlier"
+        return {
+            "shifted": f"depth is shifted against colour: it fits when moved by ({x}, {y}) px",
+            "enlarged": f"depth and colour differ in scale: depth fits when scaled by {self.factor:.2f} and moved by "
+            f"({x}, {y}) px",
+            "mirrored": "depth is a mirror image of colour",
+            "late": f"depth belongs to the colour image {abs(self.frames)} frame(s) {later}",
+            "foreign": "depth does not belong to the colour images: edges in depth are not edges in colour",
+        }.get(self.kind, "")
+
 
 # Heights of peaks. Unrelated images reach 4.7, and 2.1 at zero. Registered ones reach 12 to 30 over 24 frames, and 4 to
 # 27 over 8 successive real frames, whose few outlines also blur the peak.
@@ -150,3 +168,26 @@ def diagnose(
         late = agreement([(c, depth[k]) for k, c in color_behind(lag)])
         tried.append((late.at_zero, Verdict("late", found, frames=lag)))
     return max(tried, key=lambda entry: entry[0])[1]
+
+
+def sampled(sequence: Sequence) -> list[int]:
+    """Numbers of evenly spaced frames, at most SAMPLE."""
+    return np.unique(np.linspace(0, len(sequence.frames) - 1, SAMPLE).round().astype(int)).tolist()
+
+
+def registration_of(sequence: Sequence, sample: Mapping[int, Scan], read: Reader) -> Verdict:
+    """The relation of depth and colour in the frames of a sample; `read` gives others of the recording."""
+    color = [color_edges(scan.color) for scan in sample.values()]
+    depth = [depth_edges(scan.depth_m) for scan in sample.values()]
+
+    def color_behind(lag: int) -> list[tuple[int, Floats32]]:
+        found = []
+        for k, index in list(enumerate(sample))[::2]:
+            if 0 <= index + lag < len(sequence.frames):
+                try:
+                    found.append((k, color_edges(read(sequence, index + lag).color)))
+                except InputError:
+                    continue
+        return found
+
+    return diagnose(color, depth, color_behind)
