@@ -170,9 +170,9 @@ def diagnose(
     return max(tried, key=lambda entry: entry[0])[1]
 
 
-def sampled(sequence: Sequence) -> list[int]:
-    """Numbers of evenly spaced frames, at most SAMPLE."""
-    return np.unique(np.linspace(0, len(sequence.frames) - 1, SAMPLE).round().astype(int)).tolist()
+def sampled(sequence: Sequence, most: int = SAMPLE) -> list[int]:
+    """Numbers of evenly spaced frames."""
+    return np.unique(np.linspace(0, len(sequence.frames) - 1, most).round().astype(int)).tolist()
 
 
 def registration_of(sequence: Sequence, sample: Mapping[int, Scan], read: Reader) -> Verdict:

@@ -51,13 +51,15 @@ def _in_world(
 
     T_world_cam (n, 4, 4). The error of the poses is the same in all directions, so that it is added in the camera.
     """
-    turned = np.empty((3, 3))
+    C, own, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for k in range(len(frame)):
-        T, C = T_world_cam[frame[k]], C_cam[k].copy()
+        T = T_world_cam[frame[k]]
         for i in range(3):
+            for j in range(3):
+                C[i, j] = C_cam[k, i, j]
             C[i, i] += POSE_SIGMA_M * POSE_SIGMA_M
             p_world[k, i] = T[i, 0] * p_cam[k, 0] + T[i, 1] * p_cam[k, 1] + T[i, 2] * p_cam[k, 2] + T[i, 3]
-        own = _inverse(C)
+        _invert(C, own)
         for i in range(3):
             for j in range(3):
                 turned[i, j] = T[i, 0] * own[0, j] + T[i, 1] * own[1, j] + T[i, 2] * own[2, j]
@@ -73,7 +75,12 @@ def _fuse(p: Floats, information: Floats, track: Ints, agreeing: Bools, mean: Fl
     p (k, 3), information (k, 3, 3), track (k,): those that agree before take part. A track without any has its mean at
     0.
     """
-    mean[:], covariance[:] = 0.0, 0.0
+    total, weighted = np.empty((3, 3)), np.empty(3)
+    for t in range(len(mean)):
+        for i in range(3):
+            mean[t, i] = 0.0
+            for j in range(3):
+                covariance[t, i, j] = 0.0
     for k in range(len(track)):
         t = track[k]
         if not agreeing[k]:
@@ -83,12 +90,19 @@ def _fuse(p: Floats, information: Floats, track: Ints, agreeing: Bools, mean: Fl
                 covariance[t, i, j] += information[k, i, j]
                 mean[t, i] += information[k, i, j] * p[k, j]
     for t in range(len(mean)):
-        if covariance[t, 0, 0] == 0.0:
-            covariance[t] = np.eye(3)
-        covariance[t] = _inverse(covariance[t])
-        x, y, z = mean[t, 0], mean[t, 1], mean[t, 2]
         for i in range(3):
-            mean[t, i] = covariance[t, i, 0] * x + covariance[t, i, 1] * y + covariance[t, i, 2] * z
+            weighted[i] = mean[t, i]
+            for j in range(3):
+                total[i, j] = covariance[t, i, j]
+            if total[i, i] == 0.0:
+                total[i, i] = 1.0
+        _invert(total, covariance[t])
+        for i in range(3):
+            mean[t, i] = (
+                covariance[t, i, 0] * weighted[0]
+                + covariance[t, i, 1] * weighted[1]
+                + covariance[t, i, 2] * weighted[2]
+            )
     for k in range(len(track)):
         chi2 = 0.0
         for i in range(3):
@@ -98,11 +112,13 @@ def _fuse(p: Floats, information: Floats, track: Ints, agreeing: Bools, mean: Fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _inverse(A: Floats) -> Floats:
-    """The inverse of a symmetric positive definite matrix A (3, 3)."""
-    B = np.empty((3, 3))
+def _invert(A: Floats, inverse: Floats) -> None:
+    """Fill the inverse (3, 3) of a matrix A (3, 3)."""
     for i in range(3):
         for j in range(3):
             a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-            B[i, j] = A[c, a] * A[d, b] - A[c, b] * A[d, a]
-    return B / (A[0, 0] * B[0, 0] + A[0, 1] * B[1, 0] + A[0, 2] * B[2, 0])
+            inverse[i, j] = A[c, a] * A[d, b] - A[c, b] * A[d, a]
+    determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
+    for i in range(3):
+        for j in range(3):
+            inverse[i, j] /= determinant

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from miniloop_cli.datasets import read_scan
 from miniloop_cli.errors import InputError
-from miniloop_cli.inspection.registration import registration_of, sampled
+from miniloop_cli.inspection.registration import SAMPLE, registration_of, sampled
 from miniloop_cli.scene.sequence import Note, NoteKind, Scan, Sequence
 from miniloop_cli.stages.run import Run
 
-LEAST = 8  # frames; with fewer, chance decides
+FEW = 8  # frames: they show that depth is registered; that it is not, more frames must show
 
 
 def depth_beside_color(sequence: Sequence, run: Run) -> tuple[Note, ...]:
@@ -23,12 +23,15 @@ def depth_beside_color(sequence: Sequence, run: Run) -> tuple[Note, ...]:
         except InputError:
             return None
 
-    numbers = sampled(sequence)
-    scans = zip(numbers, run.workers.map(read, numbers, "comparing depth and colour", len(numbers)), strict=True)
-    sample = {number: scan for number, scan in scans if scan}
-    if len(sample) < LEAST:
-        return ()
-    verdict = registration_of(sequence, sample, read_scan)
+    for most in (FEW, SAMPLE):
+        numbers = sampled(sequence, most)
+        scans = zip(numbers, run.workers.map(read, numbers, "comparing depth and colour", len(numbers)), strict=True)
+        sample = {number: scan for number, scan in scans if scan}
+        if len(sample) < FEW:
+            return ()
+        verdict = registration_of(sequence, sample, read_scan)
+        if verdict.kind == "registered":
+            return ()
     if verdict.kind == "foreign" or not verdict.sentence():
         return ()
     return (Note(NoteKind.CONTRADICTED, f"{verdict.sentence()} (miniloop inspect says what to do)"),)
