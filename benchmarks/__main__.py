@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
+from benchmarks.of_programs import FOLDER, OF_PROGRAMS
 from benchmarks.on_recordings import ON_RECORDINGS
 from benchmarks.on_simulations import ON_SIMULATIONS
 from miniloop_cli.cli.bench.factory import command
 from miniloop_cli.cli.bench.table import SEQUENCES
 from miniloop_cli.cli.main import CONTEXT, LazyGroup, main
 
-FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
 
 
-COMMANDS = [command(one) for one in sorted((*ON_RECORDINGS, *ON_SIMULATIONS), key=lambda one: one.name)]
+COMMANDS = [command(one) for one in sorted((*OF_PROGRAMS, *ON_RECORDINGS, *ON_SIMULATIONS), key=lambda one: one.name)]
 
 
 @click.group(cls=LazyGroup, commands=COMMANDS, context_settings=CONTEXT)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from miniloop_cli.bench import Row
 from miniloop_cli.datasets import open_sequence, read_color, read_ground_truth, read_trajectory
+from miniloop_cli.feature_types import opencv_function
 from miniloop_cli.geometry import se3
 from miniloop_cli.geometry.camera import Camera
 from miniloop_cli.runtime.parallel import Workers
@@ -42,12 +43,10 @@ def epipolar_rows(
 ) -> Iterator[Row]:
     """Rows of the poses of `results`, of the ground truth and of trajectories (`others`): median distances in px.
 
-    Results have their own cameras. Ground truth and others get that of the first result, as poses of its colour camera
-    and, if depth has a camera of its own, as poses of that.
+    A row a trajectory and gap. Results have their own cameras. Ground truth and others get that of the first result:
+    their poses are taken for those of its colour camera and, if it names a depth camera, for those of that as well.
+    Nothing is random here: OpenCV's RANSAC has a seed of its own.
     """
-    import cv2
-
-    cv2.setRNGSeed(seed)
     recording = open_sequence(folder, camera_path=results[0] / "camera.yaml")
     judged = [_of_result(result, recording) for result in results]
     if truth := read_ground_truth(recording):
@@ -55,14 +54,18 @@ def epipolar_rows(
     for path in others:
         judged += _of_others(path.stem, read_trajectory(path, recording.stamps_s), recording)
     matches = image_matches(recording, workers)
-    for one in judged:
-        row: Row = {"sequence": recording.name, "trajectory": one.trajectory, "poses_of": one.poses_of}
-        for gap in GAPS:
-            pairs = [pair for pair in matches if pair[1] - pair[0] == gap]
-            found = [epipolar_px(one, pair, *matches[pair]) for pair in pairs]
-            found = [px for px in found if np.isfinite(px)]
-            row |= {f"px_{gap}": round(float(np.median(found)), 3) if found else None, f"pairs_{gap}": len(found)}
-        yield row
+    for gap in GAPS:
+        pairs = [pair for pair in matches if pair[1] - pair[0] == gap]
+        for one in judged:
+            found = [px for pair in pairs if np.isfinite(px := epipolar_px(one, pair, *matches[pair]))]
+            yield {
+                "sequence": recording.name,
+                "apart": gap,
+                "trajectory": one.trajectory,
+                "poses_of": one.poses_of,
+                "pairs": len(found),
+                "px": round(float(np.median(found)), 3) if found else None,
+            }
 
 
 def _of_result(result: Path, recording: Recording) -> Judged:
@@ -93,7 +96,7 @@ def image_matches(recording: Recording, workers: Workers) -> dict[Pair, tuple[Fl
 
     def detected(k: int) -> tuple[Floats, Floats]:
         gray = cv2.cvtColor(read_color(recording.frames[k].color), cv2.COLOR_RGB2GRAY)
-        points, descriptors = cv2.SIFT_create(FEATURES).detectAndCompute(gray, None)  # type: ignore[attr-defined]
+        points, descriptors = opencv_function("SIFT_create")(FEATURES).detectAndCompute(gray, None)
         return np.array([point.pt for point in points]).reshape(-1, 2), descriptors
 
     features = list(workers.map(detected, frames, "features", len(frames)))
@@ -134,9 +137,9 @@ def draw(rows: Sequence[Row]) -> Figure:
     """Median distances against how far frames are apart, a line for each trajectory."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
-    for row in rows:
-        name = f"{row['trajectory']}, poses of {row['poses_of']}"
-        axes.plot(range(len(GAPS)), [row[f"px_{gap}"] or np.nan for gap in GAPS], "o-", label=name)
+    for name, poses_of in dict.fromkeys((row["trajectory"], row["poses_of"]) for row in rows):
+        px = [row["px"] for row in rows if (row["trajectory"], row["poses_of"]) == (name, poses_of)]
+        axes.plot(range(len(GAPS)), [np.nan if one is None else one for one in px], "o-", label=f"{name}, {poses_of}")
     axes.set_xticks(range(len(GAPS)), [str(gap) for gap in GAPS])
     axes.set(xlabel="frames apart", ylabel="matches from their epipolar lines [px]", ylim=(0, None))
     axes.legend(fontsize="x-small")

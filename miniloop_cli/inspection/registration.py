@@ -135,6 +135,21 @@ LAGS = (-1, 1, -2, 2, -3, 3, -5, 5)
 ENOUGH_EDGES = 2000
 
 
+def as_they_lie(color: Many[Floats32], depth: Many[Floats32]) -> Verdict:
+    """The relation of the edges of some frames, without a search: registered, shifted or unknown.
+
+    color, depth: (h, w) edges of the same frames.
+    """
+    found = agreement(list(zip(color, depth, strict=True)))
+    tolerance = (TOLERANCE + 1) * (color[0].shape[1] / 640 if color else 1)
+    off = float(np.hypot(*found.shift_px)) > tolerance and found.at_zero < 0.7 * found.peak
+    if found.at_zero >= FIRM and not off:
+        return Verdict("registered", found)
+    if off and found.peak >= FIRM:
+        return Verdict("shifted", found, found.shift_px)
+    return Verdict("unknown", found)
+
+
 def diagnose(
     color: Many[Floats32], depth: Many[Floats32], color_behind: Callable[[int], Many[tuple[int, Floats32]]]
 ) -> Verdict:
@@ -143,16 +158,10 @@ def diagnose(
     `color`, `depth`: (h, w) edges of the same frames. `color_behind(lag)`: for some of the frames, their number in
     those lists and the colour edges `lag` frames later; only called if the frames' own do not fit.
     """
-    both = list(zip(color, depth, strict=True))
-    found = agreement(both)
-    tolerance = (TOLERANCE + 1) * (color[0].shape[1] / 640 if color else 1)
-    off = float(np.hypot(*found.shift_px)) > tolerance and found.at_zero < 0.7 * found.peak
-    if found.at_zero >= FIRM and not off:
-        return Verdict("registered", found)
-    if off and found.peak >= FIRM:
-        return Verdict("shifted", found, found.shift_px)
-    if found.depth_edges * len(depth) < ENOUGH_EDGES:
-        return Verdict("unknown", found)
+    verdict = as_they_lie(color, depth)
+    found, both = verdict.agreement, list(zip(color, depth, strict=True))
+    if verdict.kind != "unknown" or found.depth_edges * len(depth) < ENOUGH_EDGES:
+        return verdict
     nothing = Verdict("foreign" if found.at_zero < NOISE else "unknown", found)
     tried = [(max(SURE, 1.5 * found.peak), nothing)]
     for axis in (1, 0):
@@ -175,10 +184,15 @@ def sampled(sequence: Sequence, most: int = SAMPLE) -> list[int]:
     return np.unique(np.linspace(0, len(sequence.frames) - 1, most).round().astype(int)).tolist()
 
 
+def edges_of(sample: Mapping[int, Scan]) -> tuple[list[Floats32], list[Floats32]]:
+    """The edges (h, w) of colour, and those of depth, of the frames of a sample."""
+    scans = sample.values()
+    return [color_edges(scan.color) for scan in scans], [depth_edges(scan.depth_m) for scan in scans]
+
+
 def registration_of(sequence: Sequence, sample: Mapping[int, Scan], read: Reader) -> Verdict:
     """The relation of depth and colour in the frames of a sample; `read` gives others of the recording."""
-    color = [color_edges(scan.color) for scan in sample.values()]
-    depth = [depth_edges(scan.depth_m) for scan in sample.values()]
+    color, depth = edges_of(sample)
 
     def color_behind(lag: int) -> list[tuple[int, Floats32]]:
         found = []

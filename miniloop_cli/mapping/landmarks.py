@@ -49,7 +49,7 @@ def _in_world(
 ) -> None:
     """Fill p_world (k, 3) and information (k, 3, 3) of points p_cam (k, 3), C_cam (k, 3, 3) in frames (k,).
 
-    T_world_cam (n, 4, 4). The error of the poses is the same in all directions, so that it is added in the camera.
+    T_world_cam (n, 4, 4). The error of the poses is the same in all directions, so it is added in the camera's frame.
     """
     C, own, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for k in range(len(frame)):
